@@ -21,6 +21,7 @@ from npend_gym.report.robustness_report import evaluation_text
 from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
 from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
 from npend_gym.rl.evaluation.models import Model, as_controller
+from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.shipped import find_policy
 from npend_gym.rl.training.tasks import env_of_task, evaluation_env
 
@@ -59,8 +60,10 @@ def film(
     frames, done = [env.render()], False
     skip = max(1, round(env.metadata["render_fps"] / 25))
     while not done:
+        goals = isinstance(observation, dict)  # of a `goal_env`
+        shown = {k: v[None] for k, v in observation.items()} if goals else observation[None]
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
-        action = acts(observation[None], batch)[0].astype(np.float32)
+        action = np.asarray(acts(shown, batch))[0].astype(env.action_space.dtype)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds
         if round(info["time"] / env.unwrapped.config.dt) % skip == 0:
@@ -100,13 +103,9 @@ def main() -> None:
     if arguments.steps:
         keywords = keywords | {"max_episode_steps": arguments.steps}
     print(f"{arguments.env_id} {keywords}")
-    evaluation = evaluate(
-        controller,
-        keywords | {"id": arguments.env_id},
-        episodes=arguments.episodes,
-        seed=arguments.seed,
-    )
-    print(evaluation_text(evaluation.as_row(), gym.spec(arguments.env_id).reward_threshold))
+    judged = keywords | {"id": arguments.env_id}
+    evaluation = evaluate(controller, judged, episodes=arguments.episodes, seed=arguments.seed)
+    print(evaluation_text(evaluation.as_row(), setting_of(judged).reward_threshold))
     if arguments.video:
         seed, seconds, path = arguments.seed, arguments.seconds, arguments.video
         film(controller, keywords, seed, seconds, path, env_id=arguments.env_id)

@@ -55,6 +55,12 @@ def test_every_release_of_every_cell_is_in_one_task():
     assert len(set(cells)) == 8
 
 
+def test_numpy_integers_of_a_plan_do_not_overflow():
+    plan = CampaignPlan(n=np.array([2, 3]), trials=np.uint8(200), batch=np.uint8(100))
+    assert plan == CampaignPlan(n=[2, 3], trials=200, batch=100)
+    assert (plan.releases, plan.task_count) == (400, 4)
+
+
 def test_a_plan_equals_the_plan_that_is_made_from_its_dict():
     plan = CampaignPlan(n=range(2, 4), masses=[1, [1, 2.5]][:1], amplitude=np.array([0.1, 0.2]))
     again = CampaignPlan(**json.loads(json.dumps(plan.as_dict())))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Cart, Chain
-from npend_gym.chain import MECHANISM, ChainParameters
+from npend_gym.chain import MECHANISM, ChainParameters, as_chain
 
 
 def test_scalars_stand_for_every_rod():
@@ -73,6 +73,7 @@ def test_repr_is_short_for_long_chains():
     assert "masses=[1. 2.]" in repr(Chain([1.0, 2.0], 1.0))
 
 
+MASKED = np.ma.masked_array([1.0, 999.0], mask=[False, True])
 LINKS = Chain(
     [1.0, 2.0, 4.0], [0.5, 1.0, 2.0], 9.8, 0.1, 0.2, 0.3, centres=[0.3, -0.2, 3.0],
     inertias=[0.0, 0.1, 0.2], friction=0.1, friction_speed=[0.1, 0.2, 0.3],
@@ -165,6 +166,9 @@ def spheres(n, radius, density, **options):
         (two_rods(gear=[6.0, 0.0]), "gear must not be zero"),
         (two_rods(gear=np.nan), "gear must be finite"),
         (two_rods(gear=[1.0, 2.0, 3.0]), r"gear must be one number or .* \(2,\)"),
+        (two_rods(gear=[np.ones(2), np.ones(1)]), "gear must be a number or a rectangular array"),
+        (two_rods(gear=MASKED), "gear must have no masked entries"),
+        (two_rods(masses=MASKED), "masses must have no masked entries"),
         (two_rods(masses=[]), "masses must be one number or a list"),
         (two_rods(masses=[[1.0]]), "masses must be one number or a list"),
         (two_rods(masses=[1.0, 2.0], lengths=[1.0]), "got 2 masses and 1 lengths"),
@@ -203,9 +207,11 @@ def spheres(n, radius, density, **options):
         (lambda: Chain.preset("Acrobot-v1"), "name of a chain must be one of acrobot"),
         (lambda: Chain.realaigym("B.0"), "design must be one of A.0, C.0, C.1"),
         (lambda: Chain.realaigym("A.0", "9"), "model must be one of"),
+        (lambda: Chain.realaigym("C.1", 1.0), "1.0, 2.0, 3.0, as a string; got 1.0"),
         (lambda: Chain.multiarm(4), "arms must be between 1 and 3, got 4"),
         (lambda: Chain.dm_control("cheetah"), "domain must be one of acrobot, cart"),
         (lambda: Chain.dm_control("cartpole", 0), "num_poles must be between 1"),
+        (lambda: Chain.dm_control("acrobot", 3), "num_poles must be left out for acrobot.* got 3"),
         # balls
         (spheres(0, 0.1, 1.0), "n must be between 1"),
         (spheres(2, 0.0, 1.0), "radius must be greater than zero"),
@@ -242,6 +248,8 @@ def test_a_chain_that_cannot_be_is_refused_by_name(call, message):
         (two_rods(centres="middle"), "centres must hold real numbers, got 'middle'"),
         (two_rods(friction=1.0, friction_speed=None), "friction_speed must hold real"),
         (two_rods(gear="6:1"), "gear must hold real numbers"),
+        (two_rods(gear=[True, None]), "gear must hold real numbers"),
+        (two_rods(masses=[True, 2.0]), "masses must hold real numbers"),
         (two_rods(masses="1"), "masses must hold real numbers"),
         (two_rods(gravity=[9.81]), "gravity must be a real number"),
         (lambda: Chain.from_dict([1.0, 2.0]), "a chain must be a dict of parameters"),
@@ -258,6 +266,12 @@ def test_a_chain_that_cannot_be_is_refused_by_name(call, message):
 def test_a_chain_of_another_type_than_it_can_be_is_refused_by_name(call, message):
     with pytest.raises(TypeError, match=message):
         call()
+
+
+def test_a_file_of_a_chain_may_have_a_byte_order_mark(tmp_path):
+    path = tmp_path / "chain.json"
+    path.write_text(json.dumps(LINKS.as_dict()), encoding="utf-8-sig")
+    assert as_chain(path) == LINKS
 
 
 def test_long_text_among_numbers_fills_no_memory():

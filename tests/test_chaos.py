@@ -356,6 +356,18 @@ def test_a_nonlinear_normal_mode_is_one_point_of_a_section():
     np.testing.assert_allclose(np.diff(found.times), orbit.period, atol=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("parts", "moved"),
+    [({"base": Cart(1.0)}, {}), ({"stiffness": 300.0}, {}), ({}, {"pivot_acceleration": [0, 1]})],
+    ids=["cart", "springs", "moved pivot"],
+)
+def test_rods_are_counted_from_the_end_where_there_are_other_coordinates(parts, moved):
+    chain = Chain([1.0, 0.5], [1.0, 0.7], **parts)
+    found = chaos.poincare_section(chain, 1.5, duration=4.0, rod=-1, angle=0.5, **moved)
+    np.testing.assert_allclose(found.theta[:, 1], 0.5, atol=1e-10)
+    assert (found.omega[:, 1] > 0.0).all()
+
+
 # -- what is refused -------------------------------------------------------------------------------
 
 
@@ -383,6 +395,8 @@ def section(chain, **change):
         (lambda c: chaos.megno(c, [1.0, np.nan], duration=1.0), "theta must be finite"),
         (lambda c: chaos.megno(c, [1.0] * 3, duration=1.0), "theta must be one number"),
         (lambda c: chaos.tangent_growth(c, 2.0, duration=0.001), "duration must be at least 0.03"),
+        (lambda c: chaos.tangent_growth(c, 2.0, duration=1.0).exponent(2.0), "until must be betw"),
+        (lambda c: chaos.neighbour_distance(c, 2.0, [0.1] * 3, [0.0, 1.0]), "change must be one"),
         (lambda c: orbits(c, amplitudes=None), "either amplitudes or energies, and not both"),
         (lambda c: orbits(c, energies=[1.0]), "either amplitudes or energies, and not both"),
         (lambda c: orbits(c, amplitudes=[1.0, 0.5]), "amplitudes must be a list of increasing"),

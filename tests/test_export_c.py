@@ -169,7 +169,7 @@ def test_the_header_says_what_it_is_for_and_what_made_it(tmp_path):
 
 def test_what_cannot_be_exported_is_refused(tmp_path):
     policy, path = Policy.pretrained("swingup-2"), tmp_path / "policy.h"
-    for prefix in ("", "2", "a-b", "a b", "\u00e4"):
+    for prefix in ("", "2", "a-b", "a b", "\u00e4", 3):
         with pytest.raises(ValueError, match="prefix must be a letter, then letters, digits or _"):
             to_c(policy, path, prefix=prefix)
     with pytest.raises(ValueError, match="env of the policy must say"):

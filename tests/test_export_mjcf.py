@@ -148,6 +148,17 @@ def test_what_mujoco_does_not_know_is_refused_by_its_name():
         to_mjcf(Chain.uniform(2), motors=(0,), limits=0.0)
     with pytest.raises(ValueError, match="timestep must be greater than zero"):
         to_mjcf(Chain.uniform(2), timestep=0.0)
+    for motors in (0, None):
+        with pytest.raises(TypeError, match=rf"motors must be a list such as \[0\], got {motors}"):
+            to_mjcf(Chain.uniform(2), motors)
+
+
+def test_the_longest_chain_that_mujoco_reads_is_written_and_a_longer_one_is_refused():
+    for base in (None, Cart(1.0)):
+        rods = 496 - (base is not None)
+        assert model_of(Chain.uniform(rods, base=base)).njnt == 496
+        with pytest.raises(ValueError, match="bodies in MuJoCo must be between 1 and 496, got 497"):
+            to_mjcf(Chain.uniform(rods + 1, base=base))
 
 
 def test_the_command_writes_the_model(tmp_path):

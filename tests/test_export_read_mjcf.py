@@ -226,3 +226,12 @@ def test_a_model_without_hinges_and_a_chain_with_springs_are_refused():
         from_mjcf(springs.to_mjcf())
     with pytest.raises(ValueError, match="MuJoCo cannot read the model"):
         from_mjcf("no such file.xml")
+
+
+def test_what_is_no_file_is_refused_before_mujoco_prints(capfd):
+    for source in ("", ".", "no such file.xml"):
+        with pytest.raises(ValueError, match=f"source must be XML or a file of it, got '{source}'"):
+            from_mjcf(source)
+    with pytest.raises(TypeError, match="source must be a string or path-like, got 3"):
+        from_mjcf(3)
+    assert capfd.readouterr() == ("", "")

@@ -83,6 +83,18 @@ def test_infos_that_a_wrapper_makes_lists_are_refused_by_its_name():
         SB3VecEnv(DictInfoToList(adapted().venv)).reset()
 
 
+def test_keys_that_no_info_has_are_refused_by_name():
+    from npend_gym.rl.gymnasium_vec_env import SB3VecEnv
+
+    venv = gym.make_vec("CartPole-v1", COUNT, vectorization_mode="sync", vector_kwargs=SAME_STEP)
+    with pytest.raises(TypeError, match=r"info_keys must be a sequence .*, got the text 'time'"):
+        SB3VecEnv(venv, info_keys="time")
+    ours = SB3VecEnv(gym.wrappers.vector.RecordEpisodeStatistics(venv), info_keys=("foo",))
+    ours.reset()
+    with pytest.raises(ValueError, match=r"info_keys must be keys of the info: .*; got 'foo'"):
+        ours.step(np.zeros(COUNT, int))
+
+
 ALONE = """
 import importlib.abc, importlib.util, sys
 

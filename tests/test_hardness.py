@@ -211,6 +211,10 @@ def test_arguments_that_break_a_rule_are_named():
     for wrong, name in (
         (lambda: theory.hardness(*linearise(Chain.uniform(2), 0.0)), "unstable poles"),
         (lambda: theory.hardness(a[:3], b), "a must have the shape"),
+        (lambda: theory.hardness(a[:0, :0], b[:0]), "a must have the shape"),
+        (lambda: theory.hardness(a, b, dt=200.0), "dt and delay must be short"),
+        (lambda: theory.least_action(a, b, dt=60.0), "dt and delay must be short"),
+        (lambda: theory.least_action(a, b, delay=200.0), "dt and delay must be short"),
         (lambda: theory.hardness(a, b[:, 0]), "b must have the shape"),
         (lambda: theory.hardness(a, 0.0 * b), "b must drive"),
         (lambda: theory.hardness(a, b, share=1.0), "share must be between"),

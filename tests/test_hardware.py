@@ -1,5 +1,8 @@
 """Sensors and motors that are not ideal, against SciPy, NumPy's own Philox, and finer steps."""
 
+from unittest.mock import Mock
+
+import gymnasium as gym
 import numpy as np
 import pytest
 from lanes import actions_for, assert_same, lane, run
@@ -317,3 +320,51 @@ def test_a_push_is_seen_in_the_pictures_of_four_tenths_of_a_second(monkeypatch):
         assert (scene.push != 0.0) == (since < 4)
         seen.add(scene.push != 0.0)
     assert seen == {True, False}
+
+
+PUSHED = {"n": 1, "mode": "balance", "push_rate": 20.0, "push_force": 20.0, "render_size": 64}
+
+
+@pytest.mark.parametrize("autoreset_mode", ["NextStep", "SameStep", "Disabled"])
+def test_the_pictures_of_a_lane_are_those_of_a_single_environment(autoreset_mode):
+    pytest.importorskip("pygame")
+    keywords = PUSHED | {"render_mode": "rgb_array", "max_episode_steps": 3}
+    envs = gym.make_vec("NPendulum-v0", 2, autoreset_mode=autoreset_mode, **keywords)
+    envs.reset(seed=5)
+    singles = [gym.make("NPendulum-v0", **keywords) for _ in range(2)]
+    for k, single in enumerate(singles):
+        single.reset(seed=5 + k)
+    over = np.zeros(2, bool)
+    for t in range(60):
+        actions = np.sin(np.array([[t], [2.0 * t]], np.float32))
+        envs.step(actions)
+        for k, (single, action) in enumerate(zip(singles, actions, strict=True)):
+            if over[k] and autoreset_mode == "NextStep":
+                single.reset()
+                over[k] = False
+                continue
+            over[k] = any(single.step(action)[2:4])
+            if over[k] and autoreset_mode == "SameStep":
+                single.reset()
+        if over.any() and autoreset_mode == "Disabled":
+            np.testing.assert_array_equal(envs.render(), [each.render() for each in singles])
+            envs.reset(options={"reset_mask": over})
+            for single in np.array(singles)[over]:
+                single.reset()
+            over[:] = False
+        np.testing.assert_array_equal(envs.render(), [each.render() for each in singles])
+
+
+def test_a_trace_begins_with_the_first_step_in_every_render_mode(monkeypatch):
+    pytest.importorskip("pygame")
+    scenes, picture = [], np.zeros((64, 64, 3), np.uint8)
+    monkeypatch.setattr("npend_gym.envs.picture.Window", Mock)
+    monkeypatch.setattr(
+        "npend_gym.render.Painter.paint", lambda _, scene: scenes.append(scene) or picture
+    )
+    for mode in ("human", "rgb_array"):
+        env = NPendulumEnv(**PUSHED, render_mode=mode)
+        for call, points in ((env.reset, 0), (lambda: env.step([0.5]), 1)):  # noqa: B023
+            call()
+            env.render()
+            assert len(scenes[-1].trace) == points

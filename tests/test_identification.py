@@ -228,6 +228,35 @@ def test_the_inertia_of_a_balanced_rod_sets_the_scale_of_its_free_turning():
     assert identify(times, theta, np.ones(400), chain=known, segment=1.0).names[0] == "inertia0"
 
 
+def test_the_lift_of_a_balanced_wheel_that_a_motor_drives_is_known_to_be_zero_but_for_noise():
+    wheel = Chain([1.0], [0.3], centres=0.0, inertias=0.01, damping=0.003, friction=0.002)
+    times = np.arange(0.0, 6.0, 0.02)
+    torque = 0.02 * np.sin(2.0 * times)[:, None]
+    theta = simulate(wheel, 0.0, 0.0, times, torque=Signal(times, torque, "linear")).theta
+    theta += 1e-5 * np.random.default_rng(0).normal(size=theta.shape)
+    known = Chain([1.0], [0.3], centres=0.01, inertias=0.01)
+    found = identify(times, theta, torque, chain=known, held_out=0.0)
+    lift = found.names.index("lift0")
+    assert 1e-10 < found.standard_errors[lift] < 1e-6
+    assert np.abs(deviations(found, wheel)).max() < 4.0
+    assert not any(sentence.startswith("lift0") for sentence in found.undetermined)
+
+
+def test_parameters_that_the_data_do_not_determine_have_no_standard_error():
+    """Of one link they determine damping + drag length^2 alone."""
+    chain = Chain([1.0], [0.3], damping=0.003, drag=0.02)
+    times = np.arange(0.0, 6.0, 0.02)
+    theta = simulate(chain, 1.0, 0.0, times).theta
+    theta += NOISE * np.random.default_rng(0).normal(size=theta.shape)
+    found = identify(times, theta, chain=chain, fit=["inertia", "damping", "drag"], held_out=0.0)
+    both = found.chain.damping + found.chain.drag * 0.3**2
+    assert both == pytest.approx(0.003 + 0.02 * 0.3**2, rel=0.01)
+    errors = found.chain_errors
+    assert {name for name in errors if np.isnan(errors[name]).any()} == {"damping", "drag"}
+    assert 0.0 < errors["inertias"][0] < 1e-3
+    assert found.as_dict()["chain_standard_errors"]["drag"] == [None]
+
+
 def test_a_chain_that_cannot_be_simulated_has_an_infinite_error(monkeypatch):
     times, theta, piece = recorded(TRUE, 4)
     monkeypatch.setattr(Stages, "judge", lambda *_: None)
@@ -345,6 +374,15 @@ def test_simulated_segments_and_their_derivatives_are_those_of_an_adaptive_integ
         assert slopes[:, k] * step == pytest.approx(0.5 * change, rel=1e-3, abs=1e-3 * step)
 
 
+def test_a_trial_chain_that_is_far_stiffer_than_the_given_one_is_refused():
+    motion = check_motion(np.linspace(0.0, 0.2, 40), np.zeros((40, 2)))
+    model = new_model(TRUE, ["friction"], driven=False)
+    shooting = Shooting(model, motion, [slice(0, 40)], 0.01, 0.0)
+    states = np.array([[0.8, -0.3, 1.0, 2.0]])
+    assert shooting.simulate(np.full(2, 0.1), states) is not None
+    assert shooting.simulate(np.full(2, 1e3), states) is None
+
+
 def test_chains_of_equal_values_move_alike_whatever_their_masses():
     rng = np.random.default_rng(2)
     for _ in range(20):
@@ -406,6 +444,7 @@ def test_the_solver_finds_what_scipys_least_squares_finds():
         ({"theta": np.zeros((39, 2))}, r"theta must have a row for each of the 40 instants"),
         ({"theta": np.full((40, 2), np.nan)}, r"theta must be finite.*gaps are allowed"),
         ({"theta": np.zeros((40, 2))}, "theta must move"),
+        ({"theta": np.ma.masked_less(np.ones((40, 2)), 2.0)}, "theta must have no masked entries"),
         ({"torque": np.zeros((40, 3))}, r"torque must have the shape \(40, 2\)"),
         ({"piece": np.zeros(3)}, "piece must be 40 integers"),
         ({"piece": np.full(40, 2.0**60)}, r"piece must be 40 integers below 2\^53"),
@@ -413,6 +452,8 @@ def test_the_solver_finds_what_scipys_least_squares_finds():
         ({"piece": np.arange(40) % 2}, "piece must number recordings whose rows stand together"),
         ({"chain": "nosuch"}, "chain must be an npend_gym.Chain"),
         ({"fit": []}, "fit must name something"),
+        ({"fit": "damping"}, r'fit must be a list such as \["damping"\], got .damping.$'),
+        ({"fit": 3}, "fit must be a list such as"),
     ],
 )
 def test_bad_arguments_are_refused_with_their_name_and_rule(changes, message):

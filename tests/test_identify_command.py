@@ -98,6 +98,17 @@ def test_columns_that_name_nothing_are_refused(columns, error, motion_file):
         read_motion(motion_file("time,theta0\n" + GOOD), columns=columns)
 
 
+def test_arguments_that_read_motion_cannot_take_are_refused_by_name(motion_file):
+    path = motion_file("time,theta0\n" + GOOD)
+    for name in ("degrees", "relative"):
+        with pytest.raises(TypeError, match=f"{name} must be True or False, got 'no'"):
+            read_motion(path, **{name: "no"})
+    with pytest.raises(TypeError, match="each of paths must be a string or path-like, got"):
+        read_motion([path, path])
+    with pytest.raises(ValueError, match="the column theta0, got 'time, theta0 as time'"):
+        read_motion(path, columns={"time": "theta0"})
+
+
 def test_the_pieces_of_several_files_are_numbered_on(motion_file):
     paths = [motion_file("time,theta0\n" + GOOD, name) for name in ("a.csv", "b.csv")]
     assert read_motion(*paths).piece.tolist() == [0] * 60 + [1] * 60
@@ -109,6 +120,8 @@ def test_the_pieces_of_several_files_are_numbered_on(motion_file):
         ("time,angle\n0,1\n", "must have the column theta0, got 'time, angle'"),
         ("t,theta0\n0,1\n", "must have the column time"),
         ("", "must have the column time"),
+        ("sep=,\ntime,theta0\n" + GOOD, "must have the column time, got 'sep=, ': its first line"),
+        ("# my rig\ntime,theta0\n" + GOOD, "must have the column time, got '# my rig': its first"),
         ("time,theta0,theta2\n0,1,1\n", "must number columns from 0 on without a gap"),
         ("time,theta0,tau0,tau1\n0,1,1,1\n", "must have an angle for each torque"),
         ("time,theta0,theta0\n0,1,1\n", "must name each column once"),
@@ -265,6 +278,18 @@ def test_what_was_taken_in_place_of_masses_and_centres_is_said():
     sentences = undetermined(model, links, model.pack(values_of(links)), fitted * 0.0, driven=False)
     assert "centres" not in sentences[0]
     assert not any(one.startswith("masses[") for one in sentences)
+
+
+def test_masses_centres_and_inertias_are_those_given_unless_they_are_fitted():
+    bobs = Chain([0.45, 0.32], [0.30, 0.25], armature=0.01, gear=[6.0, -6.0])
+    damped = Chain.from_dict(bobs.as_dict() | {"damping": 0.1})
+    for fit, same in ((["damping"], True), (["inertia", "damping"], False)):
+        model = new_model(bobs, fit, driven=False)
+        found, fitted = model.chain_of(values_of(damped)), model.pack(values_of(damped))
+        assert (found == damped) == same  # bobs have no margin, by which masses are larger
+        assert found.masses == pytest.approx(bobs.masses, rel=2e-3)
+        sentences = undetermined(model, found, fitted, 0.0 * fitted, driven=False)
+        assert not any(one.startswith("masses[") for one in sentences)
 
 
 @pytest.mark.long

@@ -66,6 +66,18 @@ def test_the_diagram_of_the_law_has_every_measured_value(path, runs):
         assert value == theory.fundamental_period(PLAN.chain_of(n))
 
 
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [(4, "2 trials for each N"), (3, "3 of 4 releases: the run was interrupted")],
+)
+def test_results_of_an_interrupted_release_are_shown_as_such(count, said, runs, tmp_path, capsys):
+    results.write(PLAN, runs[:count], tmp_path, figures=False)
+    page = tmp_path / "again.html"
+    assert main(["release", str(tmp_path), "--page", str(page)]) == 0
+    assert said in page.read_text("utf-8")
+    assert ("has 3 of 4 releases" in capsys.readouterr().err) == (count == 3)
+
+
 def test_the_page_refers_to_nothing_outside(path):
     text = path.read_text("utf-8")
     outside = set(re.findall(r"https?://[^\"' ]+", text))

@@ -244,6 +244,7 @@ def test_a_chain_without_gravity_or_overdamped_never_completes(chain):
         ({"reading": "swing"}, "reading must be one of bob, link, height, com; got 'swing'"),
         ({"reading": "listing"}, "is `listing_periods` in paper/estimator.py"),
         ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, "duration must be gi"),
+        ({"chain": Chain(1.0, [1.0], centres=0.0, inertias=1.0)}, "duration must .* balanced"),
         ({"omega": 1e200}, "omega must lie within"),
         ({"theta": np.ones((3, 2)), "omega": np.ones((2, 2))}, "^omega must"),
         ({"theta": np.ones((3, 3))}, "^theta must"),

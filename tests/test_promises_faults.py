@@ -232,7 +232,7 @@ def test_a_part_of_another_map_or_version_is_told_of_and_computed_again(
     assert [line in text for text in told] == [True]
     np.testing.assert_array_equal(result, MAP.run(tmp_path / "whole"))
     assert [path.name for path in mine.iterdir()] == ["notes.txt"]
-    np.testing.assert_array_equal(MAP.run(tmp_path / "mine"), result)
+    np.testing.assert_array_equal(MAP.run(str(tmp_path / "mine")), result)
     assert "is this map already, by the same version" in caplog.text
     begun(MAP, "older")
     monkeypatch.setattr(flip_map, "__version__", "99.0")

@@ -4,9 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.experiments import ReleaseExperiment, Run, measure
-from npend_gym.recording import record_episode, record_release
+from npend_gym.recording import record_episode, record_release, record_simulation
 
 
 def recorded(interval=0.02, **fields):
@@ -142,6 +142,13 @@ def test_passive_episodes_measure_what_the_release_measures():
 def test_what_cannot_be_recorded_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         recorded(**change)
+
+
+def test_a_pseudo_period_is_nan_where_the_recording_ends_before_it():
+    rough, fine = record_simulation(Chain.uniform(1), 0.5, 0.0, 2.1, 1.5, 0.1)
+    assert rough.motion.times[-1] == 1.5
+    np.testing.assert_array_equal(rough.periods, [np.nan])
+    assert fine.periods == pytest.approx(theory.pendulum_period(0.5, 1.0))
 
 
 def test_a_release_that_completes_nothing_is_recorded_for_the_papers_window():

@@ -174,6 +174,21 @@ def test_bad_arguments_are_refused_with_their_rule(change, message):
         ReleaseExperiment(**change)
 
 
+def test_numpy_integers_describe_the_same_experiment_as_integers():
+    keywords = {"sensor_interval": 0.01, "sensor_noise": 0.02}
+    plain = ReleaseExperiment(n_values=(1, 2), trials=2, seed=255, **keywords)
+    given = {"n_values": np.array([1, 2]), "trials": np.int8(2), "seed": np.uint8(255)}
+    plan = ReleaseExperiment(**given, **keywords)
+    assert plan == plain
+    found, expected = (report.summary_json(each, run_release(each)) for each in (plan, plain))
+    assert json.loads(found)["summary"] == json.loads(expected)["summary"]
+
+
+def test_damping_is_one_number_for_all_joints():
+    with pytest.raises(TypeError, match=r"damping must be a real number, got \[0.1, 0.2\]"):
+        ReleaseExperiment(n_values=[2], damping=[0.1, 0.2])
+
+
 @pytest.mark.parametrize("n_values", [5, {2}, None])
 def test_numbers_of_pendulums_are_a_list(n_values):
     with pytest.raises(TypeError, match="n_values must be a list of integers"):
@@ -184,6 +199,9 @@ def test_numbers_of_pendulums_are_a_list(n_values):
     ("call", "message"),
     [
         (lambda: starts(-1, 0, 3, 0.7, 0.1), r"seed must be at least 0, got -1$"),
+        (lambda: starts(0, -1, 3, 0.7, 0.1), "first must be at least 0, got -1"),
+        (lambda: starts(0, 0, -3, 0.7, 0.1), "count must be at least 0, got -3"),
+        (lambda: power_law([1.0, 1.0], [1.0, 2.0]), "x must hold two different numbers"),
         (lambda: power_law([1.0, 2.0], [-1.0, 2.0]), "y must be greater than zero"),
         (lambda: power_law([1.0, 2.0, 3.0], [1.0, np.nan, 3.0]), "y must be finite"),
         (lambda: power_law([1.0], [1.0]), "x and y must be at least two each"),

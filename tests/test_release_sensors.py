@@ -36,6 +36,21 @@ def test_samples_see_a_height_that_is_crossed_as_it_is():
     assert np.isnan(sensed(reading="height", sensor_interval=0.002).periods[0])  # it only touches
 
 
+@pytest.mark.parametrize("start", [0.5, -0.5])
+@pytest.mark.parametrize(
+    ("reading", "chain"),
+    [
+        ("height", Chain([1.0, 1.0], [1.0, 1.0], centres=[-0.5, 1.0], inertias=[1.0, 0.0])),
+        ("com", Chain([1.0], [1.0], centres=[-0.5], inertias=[0.1])),
+    ],
+    ids=["a bob that first rises", "a centre of mass opposite to the angle"],
+)
+def test_samples_of_links_are_read_on_the_side_of_the_exact_reading(reading, chain, start):
+    exact = pseudo_periods(chain, start, reading=reading)
+    run = sensed(chain.n, chain=chain, amplitude=start, reading=reading, sensor_interval=0.002)
+    np.testing.assert_allclose(run.periods, exact, atol=1e-5)
+
+
 def test_an_offset_moves_zeros_alternately_and_no_full_swing():
     # u = -sin(w t) + b: the zeros of -sin move by -d, +d, -d, ... with sin(w d) = b
     w, b = 3.0, 0.05
@@ -85,6 +100,18 @@ def test_a_scale_moves_the_return_to_a_height():
     expected = (ellipk(k**2) + ellipkinc(phi, k**2)) / np.sqrt(G)
     run = sensed(reading="height", sensor_interval=1e-3, sensor_scale=scale)
     assert run.periods[0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_scale_is_that_of_the_height_above_where_springs_hang():
+    chain = Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0, axial_damping=0.5)
+    times = 1e-3 * np.arange(2000.0)
+    height = simulate(chain, A, 0.0, times).positions()[..., 1]
+    hanging = simulate(chain, 0.0, 0.0, [0.0, 1.0]).positions()[-1, :, 1]
+    shown = 1.2 * (height - hanging) + hanging - height[0]
+    back = [next(t for t, way in crossings(times, one, 1e-9) if way > 0.0) for one in shown.T]
+    keywords = {"reading": "height", "sensor_interval": 1e-3, "sensor_scale": 1.2}
+    run = sensed(2, chain=chain, duration=1.999, **keywords)
+    np.testing.assert_allclose(run.periods, back, rtol=1e-9)
 
 
 @pytest.mark.long
@@ -158,6 +185,12 @@ def test_the_command_and_its_files_say_by_which_sensor_bobs_were_measured(tmp_pa
 def test_sensors_that_do_not_exist_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         ReleaseExperiment(**change)
+
+
+def test_a_sensor_has_no_window_of_its_own_where_a_link_is_balanced():
+    balanced = Chain([1.0, 1.0], [1.0, 1.0], centres=[-1.0, 1.0], inertias=[0.1, 0.0])
+    with pytest.raises(ValueError, match=r"duration must be given where .* balanced on its joint"):
+        sensed(2, chain=balanced, sensor_interval=0.01)
 
 
 def test_more_samples_than_can_be_held_are_refused():

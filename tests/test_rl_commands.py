@@ -81,6 +81,13 @@ def test_evaluate_prints_the_scores(capsys):
     assert "recovery 0.9" in printed
 
 
+@pytest.mark.parametrize(("env_id", "solved"), [("SwingUp", True), ("Balance", False)])
+def test_the_threshold_of_an_id_is_printed_for_its_own_task_alone(env_id, solved, capsys):
+    arguments = ["--env-id", f"npend/{env_id}-v1", "--episodes", "2"]
+    assert main(["evaluate", "swingup-1", *arguments, "--env", "max_episode_steps=3"]) == 0
+    assert ("solved from" in capsys.readouterr().out) == solved
+
+
 def test_a_policy_that_never_succeeds_on_the_chain_of_a_file_is_told_why(tmp_path, capsys):
     (tmp_path / "fit.json").write_text('{"masses": [1.0], "lengths": [0.5]}')
     settings = f"chain={tmp_path / 'fit.json'}", "max_episode_steps=3"

@@ -4,6 +4,7 @@ import csv
 import inspect
 import json
 import re
+import runpy
 import shutil
 
 import gymnasium as gym
@@ -33,6 +34,27 @@ def test_evaluate_films_a_policy(script, tmp_path):
     printed = script("evaluate.py", "--pretrained", "swingup-1", *arguments)
     assert successes_in(printed)[1] == "5"
     assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
+
+
+@pytest.mark.parametrize(
+    ("keywords", "action"),
+    [
+        ({"torque_levels": 3}, [2]),
+        ({"mode": "transition", "goal_env": True, "reward_type": "sparse"}, [[1.0]]),
+    ],
+)
+def test_evaluate_films_discrete_actions_and_environments_with_goals(keywords, action, tmp_path):
+    imageio, seen = pytest.importorskip("imageio.v3"), []
+    pytest.importorskip("pygame")
+
+    def act(shown, _):
+        seen.append(np.shape(shown["observation"] if "goal_env" in keywords else shown))
+        return action
+
+    film = runpy.run_path(str(EXAMPLES / "evaluate.py"))["film"]
+    film(act, {"n": 1} | keywords, 0, 0.25, tmp_path / "a.gif")
+    assert len(imageio.imread(tmp_path / "a.gif")) == 6
+    assert set(seen) == {(1, 2)}
 
 
 @pytest.mark.long

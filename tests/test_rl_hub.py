@@ -6,6 +6,7 @@ from functools import partial
 from hashlib import sha256
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from scripts import run_python
@@ -37,6 +38,24 @@ def policy():
 )
 def test_the_task_of_a_policy_is_the_named_one_with_its_mode_and_base(env, task):
     assert task_of(env) == task
+
+
+def test_the_task_of_a_model_that_was_trained_on_a_cart_has_the_cart():
+    algorithms = pytest.importorskip("stable_baselines3")
+    model = algorithms.PPO("MlpPolicy", gym.make("npend/CartPole-v1"), device="cpu")
+    assert task_of(Policy.from_sb3(model).env) == "npend/CartPole-v1"
+
+
+@pytest.mark.parametrize(
+    ("folder", "name", "error"), [("new", 3, TypeError), ("file", "me/x", FileExistsError)]
+)
+def test_what_cannot_be_written_is_refused_before_any_episode(
+    folder, name, error, policy, tmp_path, monkeypatch
+):
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr("npend_gym.rl.policies.model_card.evaluate", pytest.fail)
+    with pytest.raises(error, match=r"name must be a text, got 3|File exists"):
+        write_repository(policy, tmp_path / folder, name)
 
 
 @pytest.mark.long

@@ -106,6 +106,17 @@ def test_a_policy_with_memory_refuses_environments_that_it_does_not_remember():
     policy(np.zeros((2, K), np.float32))
     with pytest.raises(ValueError, match=r"shape \(2, 6\).*got \(3, 6\)"):
         policy(np.zeros((3, K), np.float32), {"time": np.array([0.0, 0.0, 0.1])})
+    for count, error in ((-1, ValueError), (2.5, TypeError)):
+        with pytest.raises(error, match=f"num_envs must be .*, got {count}"):
+            policy.reset(count)
+
+
+def test_without_a_time_the_beginning_of_an_episode_is_left_to_reset():
+    bare, without = policy_with_memory(), policy_with_memory()
+    for policy in (bare, without):
+        policy.reset(2)
+    for observation in np.random.default_rng(3).normal(size=(5, 2, K)).astype(np.float32):
+        np.testing.assert_array_equal(bare(observation, {}), without(observation))
 
 
 def test_a_saved_policy_with_memory_remembers_as_long_when_it_is_loaded(tmp_path):

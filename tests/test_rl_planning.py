@@ -191,6 +191,8 @@ def test_with_settle_the_chain_is_calmed_before_the_trajectory_begins():
     ("env", "arguments", "error", "message"),
     [
         ({"n": 1}, {"guess": "luck"}, ValueError, "guess must be one of waves, mpc; got 'luck'"),
+        ({"n": 1}, {"seed": -1}, ValueError, "seed must be at least 0, got -1"),
+        ({"n": 1}, {"seed": 1.5}, TypeError, "seed must be an integer, got 1.5"),
         (
             {"n": 1, "max_torque": 0.05}, {"seconds": 1.0, "tries": 1},
             RuntimeError, "no trajectory of 1 s was found in 1 tries",
@@ -200,7 +202,7 @@ def test_with_settle_the_chain_is_calmed_before_the_trajectory_begins():
             RuntimeError, "no trajectory of 10 s was found in 2 tries",
         ),
     ],
-    ids=["no such guess", "a weak motor", "coarse steps"],
+    ids=["no such guess", "a negative seed", "half a seed", "a weak motor", "coarse steps"],
 )  # fmt: skip
 def test_a_plan_that_is_not_found_is_an_error(env, arguments, error, message):
     with pytest.raises(error, match=message):

@@ -130,6 +130,16 @@ def test_an_ensemble_of_policies_that_differ_is_refused(name, changes):
 def test_an_ensemble_of_no_policy_is_refused():
     with pytest.raises(ValueError, match="policies must be one or more, got none"):
         rl.ensemble([])
+    for given in ([small_policy(), 3], small_policy(), 3):
+        with pytest.raises(TypeError, match="policies must be several `Policy`, got"):
+            rl.ensemble(given)
+    pair = [small_policy(), small_policy()]
+    assert rl.ensemble(iter(pair)) == rl.ensemble(pair)
+
+
+def test_a_function_becomes_no_policy():
+    with pytest.raises(TypeError, match="model must be one of Stable-Baselines3, got <ufunc"):
+        Policy.from_sb3(np.tanh, {"n": 1})
 
 
 def test_a_policy_may_observe_one_number_of_each_rod(tmp_path):
@@ -338,7 +348,21 @@ def test_a_policy_acts_on_its_own_observations_with_noise_another_chain_and_a_ca
             observation, _, _, _, info = env.step(policy(observation, info))
 
 
-@pytest.mark.parametrize("judge", [rl.evaluate, rl.performance, rl.recovery, rl.robustness])
+JUDGES = [rl.evaluate, rl.performance, rl.recovery, rl.robustness]
+
+
+@pytest.mark.parametrize("judge", JUDGES)
+def test_every_judge_refuses_a_seed_that_is_none_and_environments_of_others(judge):
+    policy = Policy.pretrained("swingup-1")
+    for seed, error in ((None, TypeError), (0.5, TypeError), (-1, ValueError)):
+        with pytest.raises(error, match=f"seed must be .*, got {seed}"):
+            judge(policy, policy.env, seed=seed)
+    for env in ("CartPole-v1", gym.spec("CartPole-v1"), "Pendulum-v1"):
+        with pytest.raises(TypeError, match=r"env must be an id .* got '(CartPole|Pendulum)-v1'"):
+            judge(policy, env)
+
+
+@pytest.mark.parametrize("judge", JUDGES)
 def test_no_score_judges_a_policy_on_observations_that_are_not_its_own(judge):
     policy = Policy.pretrained("swingup-2")
     with pytest.raises(ValueError, match=r"must be 'sincos'.*got 'scaled'.*policy\.env \|"):

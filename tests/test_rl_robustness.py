@@ -258,6 +258,17 @@ def test_what_the_protocol_does_not_fit_is_refused(changed, arguments, text):
         robustness(Recorder(), TWO | changed, **arguments)
 
 
+def test_a_criterion_that_does_not_fit_is_refused_before_any_rollout():
+    recorder = Recorder()
+    late = r"criteria\['delay'\] does not fit this environment: observation_delay .*; leave it out"
+    with pytest.raises(ValueError, match=late):
+        robustness(recorder, TWO | {"dt": 0.0003}, seconds=0.01)
+    assert recorder.resets == []
+    for criteria in (["model"], {"x": 3}):
+        with pytest.raises(TypeError, match="criteria must have a Criterion"):
+            robustness(recorder, TWO, criteria=criteria)
+
+
 RIPPLE = Criterion(0.8, lambda _, value: {"torque_ripple": value}, unit="N m")
 
 

@@ -81,6 +81,11 @@ def test_a_share_of_the_reward_is_for_a_tip_where_recovery_counts_it_as_up():
     ({"horizon": 0}, "horizon must be"),
     ({"gamma": 1.0}, "gamma must lie from 0 to below 1"),
     ({"uptime": 1.0}, "uptime must lie from 0 to below 1"),
+    ({"gamma": 0.0}, "gamma to the power of horizon must be greater than zero"),
+    ({"gamma": 1e-5}, "gamma to the power of horizon must be at least 1e-30"),
+    ({"trust": 0.0}, "trust must be greater than zero"),
+    ({"knocked": 2.0}, "knocked must lie from 0 to 1, got 2.0"),
+    ({"tau": 3.0}, "tau must lie from 0 to 1, got 3.0"),
 ])  # fmt: skip
 def test_settings_that_cannot_teach_are_refused_by_name(changes, message):
     from npend_gym.rl.training import shac
@@ -129,6 +134,21 @@ def test_rewards_and_ends_on_carts_are_those_of_the_environment(task):
     assert not terminated.all()
     shown = in_torch.observe(states, torch.zeros(8, 0)) * in_torch.obs_scale
     np.testing.assert_allclose(shown, observation, atol=1e-5)
+
+
+@pytest.mark.parametrize("energyless", [{"gravity": 0.0}, {"amplitude": 0.0}])
+def test_a_chain_that_is_calmed_from_no_energy_has_the_rewards_of_the_environment(energyless):
+    from npend_gym.rl.training.short_horizons import Task
+
+    env = {"n": 2, "mode": "calm", "observation": "sincos", "spread": 0.0} | energyless
+    envs = gym.make_vec("NPendulum-v0", num_envs=2, **env)
+    envs.reset(seed=0)
+    in_torch, actions = Task(EnvConfig(**env), 0.9, (1.0, 1.0, 5.0)), torch.tensor([[1.0], [-0.5]])
+    for _ in range(3):
+        expected = envs.step(actions.numpy())[1]
+        states = torch.from_numpy(envs.unwrapped.state).float()
+        found = in_torch.reward(states, actions, torch.zeros(2, 0)) / 0.1
+        np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
 VARIED = {
@@ -199,6 +219,8 @@ def test_ranges_are_wider_in_training_than_in_the_record():
     np.testing.assert_allclose(ends["gravity"], [[9.81 * 0.375], [9.81 * 1.125]])
     np.testing.assert_allclose(ends["damping"], [[0.0, 0.0], [0.125, 0.125]])
     assert with_wider_ranges(config, 0.0) is config
+    with pytest.raises(ValueError, match=r"margin must be smaller .* got 5: randomize\['masses'\]"):
+        with_wider_ranges(config, 5.0)
     few = {"total_timesteps": 320, "num_envs": 8, "updates": 1, "margin": 0.5}
     policy, _ = train(settings_of("swingup-1-robust", **few))
     assert policy.env["randomize"]["masses"] == [0.8, 1.2]

@@ -69,6 +69,17 @@ def test_arguments_of_the_interval_are_refused_by_name(keywords, message):
         bootstrap_interval([[1.0, 2.0]], **keywords)
 
 
+@pytest.mark.parametrize("thresholds", [0.5, [[0.5], [0.9]]])
+def test_thresholds_of_another_shape_are_refused(thresholds):
+    with pytest.raises(ValueError, match=r"thresholds must have the shape \(k,\), got"):
+        performance_profile([[1.0], [2.0]], thresholds)
+
+
+def test_a_statistic_that_is_no_number_is_refused():
+    with pytest.raises(ValueError, match="what statistic returns must be finite, got nan"):
+        bootstrap_interval([[1.0], [2.0]], lambda scores: np.nan * scores.sum())
+
+
 def test_rliable_finds_the_same():
     metrics = pytest.importorskip("rliable.metrics")
     scores = np.random.default_rng(0).uniform(size=(7, 5))

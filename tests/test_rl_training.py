@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scripts import run_python
 
-from npend_gym import Chain
+from npend_gym import Chain, identify, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
-from npend_gym.rl import HELD_OUT, Policy, evaluate
+from npend_gym.rl import HELD_OUT, Policy, episode_seeds, evaluate
 from npend_gym.rl.controllers.planning import Tracking
 
 torch = pytest.importorskip("torch")
@@ -78,6 +78,14 @@ def test_no_seed_trains_in_episodes_that_choose_or_judge(name, seed, monkeypatch
     assert played
     for lane in np.ravel(played).tolist():
         assert not VALIDATION <= lane < HELD_OUT + 10**6
+
+
+@pytest.mark.parametrize(
+    ("spacing", "error"), [(0, ValueError), (-3, ValueError), (2.5, TypeError)]
+)
+def test_runs_begin_a_positive_number_of_seeds_apart(spacing, error):
+    with pytest.raises(error, match=f"spacing must be .*, got {spacing}"):
+        episode_seeds("training", 10, spacing=spacing)
 
 
 def test_trainings_of_different_seeds_see_different_episodes(monkeypatch):
@@ -215,6 +223,18 @@ def test_training_around_an_identified_chain_draws_within_two_standard_errors(tm
     (tmp_path / "identification.json").unlink()
     with pytest.raises(ValueError, match=r"what npend identify --out wrote"):
         env_around(tmp_path / "fit.json")
+
+
+@pytest.mark.long
+def test_training_around_an_identified_chain_draws_nothing_that_the_data_leave_open(tmp_path):
+    """One link does not tell damping from drag."""
+    chain, times = Chain([1.0], [0.3], damping=0.003, drag=0.02), np.arange(0.0, 6.0, 0.02)
+    theta = simulate(chain, 1.0, 0.0, times).theta
+    theta += 1e-3 * np.random.default_rng(0).normal(size=theta.shape)
+    found = identify(times, theta, chain=chain, fit=["inertia", "damping", "drag"], held_out=0.0)
+    path = tmp_path / "identification.json"
+    path.write_text(json.dumps(found.as_dict(), allow_nan=False), encoding="utf-8")
+    assert set(env_around(path)["randomize"]) == {"inertias"}
 
 
 OWN_TRAINER = """

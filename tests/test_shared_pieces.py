@@ -38,6 +38,8 @@ def test_a_power_law_is_found_and_two_points_have_no_interval():
     two = power_law([1.0, 4.0], [1.0, 2.0])
     assert two.value == pytest.approx(0.5)
     assert np.isnan(two.error)
+    level = power_law(x, [3.0, 3.0, 3.0])
+    assert (level.value, level.error) == (0.0, 0.0)
 
 
 def test_confidence_intervals_hold_the_truth_as_often_as_they_say():

@@ -135,6 +135,7 @@ def test_without_gravity_a_period_is_not_a_number():
         (lambda: theory.com_period(0), ValueError, "chain must be at least 1"),
         (lambda: theory.com_period(2.5), TypeError, "chain must be an integer"),
         (lambda: theory.com_period(Chain([1e-9, 1e9], 1.0)), ValueError, "within a factor of 1e"),
+        (lambda: theory.models(Chain.uniform(2), []), ValueError, "angle must be one or more"),
         (lambda: theory.com_period(2, 3.2), ValueError, "amplitude must lie between"),
         (lambda: theory.small_angle_periods(Chain.uniform(20_000)), ValueError, "n must be"),
     ],
@@ -204,6 +205,13 @@ def test_a_balanced_link_has_no_period():
     assert np.isnan(theory.fundamental_period(wheel))
     assert theory.fastest_frequency(wheel) == 0.0
     np.testing.assert_array_equal(theory.normal_modes(wheel)[0], 0.0)
+
+
+def test_no_law_is_known_where_frequencies_lie_far_apart():
+    chain = Chain([1e-9, 1e9], 1.0)
+    models = theory.models(chain, 0.5)
+    assert np.isnan(models.law)
+    assert models.fundamental == theory.fundamental_period(chain)
 
 
 def test_the_papers_period_does_not_apply_to_links():

@@ -77,10 +77,10 @@ def run(
     from npend_gym import rl
     from npend_gym._provenance import provenance
     from npend_gym.chain import plain_keywords
-    from npend_gym.envs.registration import register_envs
     from npend_gym.export import in_mujoco
     from npend_gym.report import outputs
     from npend_gym.report import robustness_report as report
+    from npend_gym.rl.evaluation.settings import setting_of
 
     if robust and engine == "mujoco":
         raise ValueError("--robust must be left out with --engine mujoco, which has ideal motors")
@@ -89,12 +89,11 @@ def run(
     seed = rl.HELD_OUT if seed is None else seed
     changed = [key for key, _ in env if policy is not None]
     name, model, keywords = chosen(policy, controller, task, dict(env), trust=trust)
-    register_envs()
+    judged: Any = keywords | {"id": env_id}
     try:
-        threshold = gym.spec(env_id).reward_threshold
+        threshold = setting_of(judged).reward_threshold
     except gym.error.Error as error:
         raise ValueError(f"--env-id must name an environment: {error}") from error
-    judged: Any = keywords | {"id": env_id}
     if engine == "mujoco":
         judged = in_mujoco(judged)
     row = rl.evaluate(model, judged, episodes=episodes, seed=seed).as_row()

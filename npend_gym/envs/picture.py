@@ -54,13 +54,17 @@ class Camera:
             self._traces.pop(lane, None)
             self._pushes.pop(lane, None)
 
-    def follow(self, episodes: Episodes) -> None:
-        """Add the tips' places to the traces and, in "human" mode, show the picture."""
-        for lane, tip in enumerate(episodes.places()[:, -1]):
+    def follow(self, episodes: Episodes, begun: BoolArray) -> None:
+        """Add the tips' places to the traces and, in "human" mode, show the picture.
+
+        Lanes that have `begun` an episode, (B,), have taken no step of it: they have no trace yet.
+        """
+        self.forget(begun)
+        tips, pushes = episodes.places()[:, -1], episodes.pushes().tolist()
+        for lane in np.flatnonzero(~begun).tolist():
             trace = self._traces.setdefault(lane, deque(maxlen=_TRACE_LENGTH))
-            trace.append(tip)
-        for lane, push in enumerate(episodes.pushes().tolist()):
-            before, left = self._pushes.get(lane, (0.0, 0))
+            trace.append(tips[lane])
+            push, (before, left) = pushes[lane], self._pushes.get(lane, (0.0, 0))
             seen = (push, math.ceil(_PUSH_SHOWN * self.fps)) if push != 0.0 else (before, left - 1)
             self._pushes[lane] = seen if seen[1] > 0 else (0.0, 0)
         if self.mode == "human":

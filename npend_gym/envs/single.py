@@ -197,9 +197,8 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         self._seed(episodes, given=new_seed is not None)
         episodes.start(_THE_LANE, checked)
         episodes.observe()
-        self.camera.forget(_THE_LANE)
-        if self.render_mode == "human":
-            self.camera.follow(episodes)
+        if self.render_mode is not None:
+            self.camera.follow(episodes, _THE_LANE)
         observation, _, _, _, info = episodes.outputs.only_lane()
         self._calls.finish()
         return observation, info
@@ -240,7 +239,7 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         episodes.step(checked)
         result = episodes.outputs.only_lane()
         if self.render_mode is not None:
-            self.camera.follow(episodes)
+            self.camera.follow(episodes, ~_THE_LANE)
         ready.append(True)
         return result
 

@@ -133,17 +133,17 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
             raise lanes_are_done(waiting)
         if np.count_nonzero(waiting) > 0:  # autoreset of NEXT_STEP
             episodes.step(action, waiting)
-            self.camera.forget(waiting)
         else:
             episodes.step(action)
         reward, terminated, truncated = episodes.outputs.outcome
         done = self._done = terminated | truncated
+        begun = waiting
         if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(done) > 0:
-            info = self._reset_now(done)
+            info, begun = self._reset_now(done), done
         else:
             info = episodes.outputs.masked_info()
         if self.render_mode is not None:
-            self.camera.follow(episodes)
+            self.camera.follow(episodes, begun)
         result = episodes.outputs.observation, reward, terminated, truncated, info
         ready.append(True)
         return result
@@ -154,7 +154,6 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         final = final_info(episodes.outputs.observation, episodes.outputs.masked_info(done), done)
         episodes.start(done)
         episodes.observe(reuse_buffers=True)
-        self.camera.forget(done)
         self._done = np.zeros(self.num_envs, np.bool_)
         return episodes.outputs.masked_info() | final
 

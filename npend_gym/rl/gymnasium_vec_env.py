@@ -41,7 +41,9 @@ class SB3VecEnv(VecEnv):
     Raises
     ------
     ValueError
-        If `venv` has another autoreset mode.
+        If `venv` has another autoreset mode. `step_wait` raises one if the info lacks a key.
+    TypeError
+        If `info_keys` is a text.
 
     Examples
     --------
@@ -62,6 +64,8 @@ class SB3VecEnv(VecEnv):
                 f"venv must have autoreset_mode SAME_STEP, got {mode}: "
                 'make it with gym.make_vec(..., autoreset_mode="SAME_STEP")'
             )
+        if isinstance(info_keys, str):
+            raise TypeError(f"info_keys must be a sequence of keys, got the text {info_keys!r}")
         self.venv = venv
         self.info_keys: tuple[str, ...] = tuple(info_keys)
         self._actions: Array | None = None
@@ -117,7 +121,11 @@ class SB3VecEnv(VecEnv):
         """Return a new dict for every lane with the keys that are passed on in every step."""
         if not self.info_keys:
             return [{} for _ in range(self.num_envs)]
-        columns = [info[key] for key in self.info_keys]
+        try:
+            columns = [info[key] for key in self.info_keys]
+        except KeyError as error:
+            keys = ", ".join(key for key in info if not key.startswith("_"))
+            raise ValueError(f"info_keys must be keys of the info: {keys}; got {error}") from None
         return [dict(zip(self.info_keys, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def _merged_options(self) -> dict[str, Any]:

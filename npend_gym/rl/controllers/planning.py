@@ -197,7 +197,7 @@ def planned_transition(
     settle = _checks.nonnegative_number("settle", settle)
     _checks.choice("guess", guess, GUESSES)
     problem = Transcription(config, steps, begin, end)
-    tries = _checks.count("tries", tries)
+    tries, seed = _checks.count("tries", tries), _checks.count("seed", seed, low=0)
 
     def plans(guesses: Sequence[tuple[FloatArray, FloatArray]]) -> list[PlannedTransition]:
         nominals = [problem.solve(*guesses[attempt]) for attempt in progress(range(tries))]

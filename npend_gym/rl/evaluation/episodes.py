@@ -116,6 +116,7 @@ def evaluate(
     >>> rl.evaluate(policy, policy.env, episodes=2).success.tolist()
     [True, True]
     """
+    _checks.count("seed", seed, low=0)
     setting = setting_of(env)
     envs = setting.make(_checks.count("episodes", episodes))
     if envs.unwrapped.max_episode_steps is None:

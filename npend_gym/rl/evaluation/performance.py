@@ -85,7 +85,7 @@ def performance(
     time and the torque cost; the velocity cost is divided by it).
 
     On a cart the length of the chain makes a torque of the force, and an angle of the place.
-    `randomize` is left out: nothing is random but the start.
+    `randomize` is left out. Delays, noise and pushes of the environment are kept.
 
     The smoothness of their definition is the standard deviation of the change of the torque from
     one step to the next, of 0.002 s. The torque is sampled as often here, whatever the step of the
@@ -122,6 +122,7 @@ def performance(
     >>> round(float(performance(policy, policy.env, episodes=4).score.mean()), 2)
     0.58
     """
+    _checks.count("seed", seed, low=0)
     count = _checks.count("episodes", episodes)
     nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)

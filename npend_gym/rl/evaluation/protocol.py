@@ -17,7 +17,7 @@ from npend_gym.rl.evaluation.criteria import CRITERIA, Group, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, Lanes, Observer, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, Setting, judging, setting_of
 
 
 class Outcome(NamedTuple):
@@ -171,6 +171,8 @@ def robustness(
     >>> round(found.outcomes["model"].share, 3)
     1.0
     """
+    _check_criteria(criteria)
+    _checks.count("seed", seed, low=0)
     _checks.count("values", values, low=2)
     _checks.count("repetitions", repetitions)
     setting = setting_of(env)
@@ -180,13 +182,13 @@ def robustness(
     nominal.keywords["mode"] = at_the_end
     observer = Observer(as_controller(model, config, nominal.wrappers), config)
     trial = Trial(config, steps, values, repetitions, seed)
+    # all of them before the first rollout, so that none fails after those of others
+    made = {name: _rollouts(name, criteria[name], trial, nominal) for name in criteria}
     outcomes: dict[str, Outcome] = {}
     for name in progress(criteria):
-        criterion = criteria[name]
-        groups: list[Group] = criterion.groups(name, trial)
+        criterion, (groups, lanes) = criteria[name], made[name]
         if not groups:
             continue
-        lanes = Lanes([group.make(nominal) for group in groups])
         success: BoolArray = np.zeros(lanes.num_envs, np.bool_)
         options = [group.options for group in groups]
         for running, _, _, info in rollout(observer, lanes, seed, options):
@@ -210,3 +212,27 @@ def robustness(
         "seconds": seconds,
     }
     return Robustness(outcomes, provenance(arguments, seed))
+
+
+def _check_criteria(criteria: Any) -> None:
+    """Raise a TypeError unless each criterion is one, under its name."""
+    parts = "groups", "unit", "scored"
+    named = criteria.values() if hasattr(criteria, "values") else [None]
+    if not all(hasattr(each, part) for each in named for part in parts):
+        raise TypeError(
+            "criteria must have a Criterion, or an object like one, under each name, as CRITERIA "
+            f"has; got {_checks.show(criteria)}"
+        )
+
+
+def _rollouts(
+    name: str, criterion: Any, trial: Trial, nominal: Setting
+) -> tuple[list[Group], Lanes]:
+    """Return the rollouts of a criterion and their environments, or say that it does not fit."""
+    try:
+        groups: list[Group] = criterion.groups(name, trial)
+        return groups, Lanes([group.make(nominal) for group in groups])
+    except ValueError as error:
+        raise ValueError(
+            f"criteria[{name!r}] does not fit this environment: {error}; leave it out"
+        ) from error

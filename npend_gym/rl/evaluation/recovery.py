@@ -201,6 +201,7 @@ def recovery(
     >>> round(recovery(policy, policy.env, episodes=2, seconds=20.0).score, 1)
     0.8
     """
+    _checks.count("seed", seed, low=0)
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
     nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)

@@ -53,6 +53,7 @@ def episode_seeds(use: str, count: int, *, run: int = 0, spacing: int = 1) -> ra
         first, end = (VALIDATION, HELD_OUT) if use == "validation" else (HELD_OUT, _BEYOND)
         return range(first, first + _checks.count("count", count, high=end - first))
     run, count = training_seed(run), _checks.count("count", count)
+    spacing = _checks.count("spacing", spacing)
     first = spacing * run
     if count > spacing or first + count > VALIDATION:
         first = _BEYOND + max(spacing, count) * run

@@ -46,7 +46,19 @@ class Setting(NamedTuple):
     def make(self, num_envs: int, **changed: Any) -> Any:
         """Return a vector environment, some keywords changed."""
         register_envs()
-        return gym.make_vec(self.env_id, num_envs=num_envs, **self.keywords | changed)
+        envs: Any = gym.make_vec(self.env_id, num_envs=num_envs, **self.keywords | changed)
+        if not isinstance(getattr(envs.unwrapped, "config", None), EnvConfig):
+            envs.close()
+            raise _no_setting(self.env_id)
+        return envs
+
+    @property
+    def reward_threshold(self) -> float | None:
+        """The return that solves the task of the id; None where another mode is played."""
+        register_envs()
+        spec = gym.spec(self.env_id)
+        mode = spec.kwargs.get("mode")
+        return spec.reward_threshold if self.keywords.get("mode", mode) == mode else None
 
     @property
     def config(self) -> EnvConfig:
@@ -58,17 +70,18 @@ class Setting(NamedTuple):
     def nominal(self, seconds: float) -> tuple[Setting, EnvConfig, int]:
         """Return the setting by which a score is measured, its config, and the steps of an episode.
 
-        Nothing is random there but the start, and episodes last for `seconds`.
+        Nothing is drawn there by `randomize`; noise, delays and pushes that are plain keywords are
+        kept. Episodes last for `seconds`.
         """
-        given = self.keywords
-        if given.get("observe_context", False):
+        given, made = self.keywords, self.config
+        if made.observe_context:
             raise ValueError(
                 "observe_context must be False, because scores try errors that no model observes"
             )
-        if given.get("goal_env", False):
+        if made.goal_env:
             raise ValueError("goal_env must be False, because models must observe one array")
         exact: dict[str, Any] = {"randomize": None}
-        if not _PUSHES.isdisjoint(given.get("randomize") or ()):  # half of a pair would be left
+        if not _PUSHES.isdisjoint(made.randomize or ()):  # half of a pair would be left
             exact |= dict.fromkeys(_PUSHES, 0.0)
         setting = self._replace(keywords=given | exact)
         config = setting.config
@@ -97,15 +110,19 @@ def setting_of(env: EnvLike) -> Setting:
     *_, base = [None, *layers_of(env)]
     config = _attribute(base, "config")
     if not isinstance(config, EnvConfig):
-        raise TypeError(
-            'env must be an id such as "npend/SwingUp-v1", its EnvSpec, a vector environment of '
-            "N-pendulums, or a dict of keywords of gym.make_vec such as "
-            f'{{"id": "npend/SwingUp-v1", "n": 1}}; got {_checks.show(env)}'
-        )
+        raise _no_setting(env)
     steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
     steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
     keywords = keywords_of(config) | {"max_episode_steps": steps}
     return Setting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
+
+
+def _no_setting(env: EnvLike) -> TypeError:
+    return TypeError(
+        'env must be an id such as "npend/SwingUp-v1", its EnvSpec, a vector environment of '
+        "N-pendulums, or a dict of keywords of gym.make_vec such as "
+        f'{{"id": "npend/SwingUp-v1", "n": 1}}; got {_checks.show(env)}'
+    )
 
 
 def _without_making(keywords: Mapping[str, Any]) -> dict[str, Any]:

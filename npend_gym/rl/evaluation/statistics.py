@@ -93,7 +93,8 @@ def bootstrap_interval(
     found: list[float] = []
     for _ in range(count):
         chosen = rng.integers(len(given), size=given.shape)
-        found.append(float(statistic(np.take_along_axis(given, chosen, axis=0))))
+        value = float(statistic(np.take_along_axis(given, chosen, axis=0)))
+        found.append(_checks.number("what statistic returns", value))
     low, high = np.quantile(found, [0.5 - 0.5 * share, 0.5 + 0.5 * share])
     return float(low), float(high)
 
@@ -114,7 +115,7 @@ def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> FloatArray:
     Raises
     ------
     ValueError
-        If the scores are not finite, or of another shape.
+        If scores or thresholds are not finite, or of another shape.
 
     Examples
     --------
@@ -123,6 +124,8 @@ def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> FloatArray:
     [0.75, 0.25]
     """
     limits = _checks.array("thresholds", thresholds)
+    if limits.ndim != 1:
+        raise ValueError(f"thresholds must have the shape (k,), got {limits.shape}")
     return (_scores(scores).ravel() > limits[:, None]).mean(axis=1)
 
 

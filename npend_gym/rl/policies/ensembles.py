@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from npend_gym.rl.evaluation.settings import env_of
 from npend_gym.rl.policies.policy import Policy
 
 
-def ensemble(policies: Sequence[Policy], weights: Sequence[float] | None = None) -> Policy:
+def ensemble(policies: Iterable[Policy], weights: Sequence[float] | None = None) -> Policy:
     """Return one policy whose network gives the mean of the outputs of several.
 
     Seeds of one training make different errors, which partly cancel in their mean. The networks
@@ -25,7 +25,7 @@ def ensemble(policies: Sequence[Policy], weights: Sequence[float] | None = None)
 
     Parameters
     ----------
-    policies : sequence of Policy
+    policies : iterable of Policy
         With the same environment, the same scale and memory, and as many layers.
     weights : sequence of float, optional
         Of the policies in the mean, as for `numpy.average`.
@@ -50,6 +50,10 @@ def ensemble(policies: Sequence[Policy], weights: Sequence[float] | None = None)
     >>> ensemble(seeds)
     Policy(3-128-128-1, env={'n': 1, 'mode': 'swingup', 'observation': 'sincos'})
     """
+    members: list[Any] = [*policies] if hasattr(policies, "__iter__") else [None]
+    if not all(isinstance(each, Policy) for each in members):
+        raise TypeError(f"policies must be several `Policy`, got {_checks.show(policies)}")
+    policies = members
     if not policies:
         raise ValueError("policies must be one or more, got none")
     common = _common(policies[0])

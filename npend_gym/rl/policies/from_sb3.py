@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from npend_gym import _checks
 from npend_gym._provenance import provenance
 from npend_gym.rl.evaluation.models import check_space, trained_through
 from npend_gym.rl.evaluation.settings import EnvLike, env_of, setting_of
@@ -15,6 +16,8 @@ _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
 
 def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
     """Return the attributes of the `Policy` that acts as a model does, see `Policy.from_sb3`."""
+    if not hasattr(model, "policy"):
+        raise TypeError(f"model must be one of Stable-Baselines3, got {_checks.show(model)}")
     trained_in = getattr(model, "get_env", lambda: None)()
     if env is None and trained_in is None:
         raise ValueError(

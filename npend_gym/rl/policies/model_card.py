@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from npend_gym import _checks
 from npend_gym._extras import require
 from npend_gym._files import replacing
 from npend_gym._version import __version__
@@ -103,9 +104,11 @@ def write_repository(
     ['README.md', 'policy.safetensors']
     """
     hub = require("huggingface_hub", "hub", "model cards")
-    found = evaluate(policy, policy.env, episodes=episodes, seed=seed)
+    if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"name must be a text, got {_checks.show(name)}")
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)  # fails before the episodes, which take long
+    found = evaluate(policy, policy.env, episodes=episodes, seed=seed)
     policy.save(folder / POLICY_FILE)
     with replacing(folder / "README.md") as file:
         file.write(_card(hub, policy, name, found, seed))
@@ -158,11 +161,11 @@ def _metadata(hub: Any, task: str, name: str, mean: float, deviation: float, suc
 
 def task_of(env: dict[str, Any]) -> str:
     """Return the id of the named task that an environment of these keywords is closest to."""
-    own = {"mode": env.get("mode", "swingup"), "base": env.get("base", "pivot")}
+    config = EnvConfig(**env)
+    own = {"mode": env.get("mode", "swingup"), "base": config.base}  # a chain may have the cart
     like: dict[str, EnvConfig] = {}
     for env_id, task in TASKS.items():
         named = {"base": "pivot", **task.keywords}
         if own == {name: named[name] for name in own}:
             like[env_id] = EnvConfig(**task.keywords)
-    n = EnvConfig(**env).n
-    return min(like, key=lambda env_id: abs(like[env_id].n - n), default=ENV_ID)
+    return min(like, key=lambda env_id: abs(like[env_id].n - config.n), default=ENV_ID)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from npend_gym import _checks
 from npend_gym._extras import require
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.policies.checks import (
@@ -156,7 +157,7 @@ class Policy:
     def reset(self, num_envs: int = 1) -> None:
         """Forget what was observed: the next call begins episodes in `num_envs` environments."""
         if self._history is not None:
-            self._history.reset(num_envs)
+            self._history.reset(_checks.count("num_envs", num_envs))
 
     def __call__(
         self, observation: Float32Array, info: Mapping[str, Any] | None = None
@@ -169,7 +170,7 @@ class Policy:
             With memory (B, k), of the same B environments as in the call before; or (k,), of one.
         info : mapping, optional
             Where ``info["time"]`` is 0 an episode begins, and a policy with memory forgets what was
-            before. Without `info` that is left to `reset`. One without memory does not look at it.
+            before. Without it that is left to `reset`. One without memory does not look at it.
 
         Returns
         -------
@@ -202,7 +203,7 @@ class Policy:
         self, history: History, observation: Float32Array, info: Mapping[str, Any] | None
     ) -> Float32Array:
         """Return the frames of all environments, (B, length, k + joints)."""
-        begins = None if info is None else np.atleast_1d(info["time"]) == 0.0
+        begins = np.atleast_1d(info["time"]) == 0.0 if info and "time" in info else None
         if begins is not None and begins.all():
             history.reset(begins.size)
         if not len(history.frames):

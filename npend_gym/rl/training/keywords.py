@@ -68,4 +68,9 @@ def with_wider_ranges(config: EnvConfig, margin: float) -> EnvConfig:
         ends["low"].append(float(low - away if low < 0.0 else max(0.0, low - away)))
         ends["high"].append(float(high + away))
     keywords: dict[str, Any] = keywords_of(config) | {"randomize": ranges or None}
-    return EnvConfig(**keywords)
+    try:
+        return EnvConfig(**keywords)
+    except ValueError as error:
+        raise ValueError(
+            f"margin must be smaller for these ranges, got {margin:g}: {error}"
+        ) from error

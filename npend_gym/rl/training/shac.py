@@ -218,6 +218,12 @@ def train(
                 "max_torque: leave it out, or train by imitation"
             )
     check_settings(settings, below_one=("gamma", "uptime"))
+    for name in ("knocked", "tau"):
+        if getattr(settings, name) > 1.0:
+            raise ValueError(f"{name} must lie from 0 to 1, got {getattr(settings, name)}")
+    _checks.positive_number("trust", settings.trust)
+    # slopes are divided by the discounts
+    _checks.positive_number("gamma to the power of horizon", settings.gamma**settings.horizon)
     _checks.count("memory", settings.memory, low=settings.num_envs * settings.horizon)
     torch.manual_seed(settings.seed)
     config = with_wider_ranges(config, settings.margin)  # so that their ends are common

@@ -145,6 +145,7 @@ class Task:
         lanes, squares = state.lanes, actions.square().mean(-1)
         released = torch.full_like(state.theta, self.start)
         start = lanes.chains.gravity * lift_from(lanes.lift, (0.5 * released).sin())
+        start = torch.where(start > 0.0, start, lanes.lifting_energy)  # as environments have it
         reward, failed, _ = judge(self.config, state, start, squares)
         return reward, failed
 
