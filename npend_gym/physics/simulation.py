@@ -91,8 +91,9 @@ def simulate(
         where the motion has no error, very long ones.
     events : Event, callable or list of these, optional
         What is looked for: an `Event`, or a function ``event(t, theta, omega)`` whose zeros are
-        wanted, with the attributes `terminal` and `direction` of SciPy's, if any. See
-        ``t_events`` and ``status`` of `Trajectory`.
+        wanted, with the attributes `terminal` and `direction` of SciPy's, if any. Coordinates of a
+        cart, a pivot that moves or springs follow the angles, so that the last angle is
+        ``theta[n - 1]``. See ``t_events`` and ``status`` of `Trajectory`.
     threads : int
         That share many motions. No result depends on it.
 

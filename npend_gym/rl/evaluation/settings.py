@@ -73,15 +73,16 @@ class Setting(NamedTuple):
         Nothing is drawn there by `randomize`; noise, delays and pushes that are plain keywords are
         kept. Episodes last for `seconds`.
         """
-        given, made = self.keywords, self.config
-        if made.observe_context:
+        Setting(self.env_id, {}).make(1).close()  # refuses others before it is given our keywords
+        given = self.keywords
+        if given.get("observe_context", False):
             raise ValueError(
                 "observe_context must be False, because scores try errors that no model observes"
             )
-        if made.goal_env:
+        if given.get("goal_env", False):
             raise ValueError("goal_env must be False, because models must observe one array")
         exact: dict[str, Any] = {"randomize": None}
-        if not _PUSHES.isdisjoint(made.randomize or ()):  # half of a pair would be left
+        if not _PUSHES.isdisjoint(given.get("randomize") or ()):  # half of a pair would be left
             exact |= dict.fromkeys(_PUSHES, 0.0)
         setting = self._replace(keywords=given | exact)
         config = setting.config
