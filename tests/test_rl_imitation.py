@@ -309,7 +309,7 @@ def test_the_way_of_a_policy_is_a_plan(name, seconds):
     at_rest |= dict.fromkeys(("cart_position", "cart_velocity"), 0.0) if config.has_cart else {}
     observation, info = env.reset(options=at_rest)
     for state in plan.nominal.states[:-1]:
-        np.testing.assert_allclose(state_of(config, info), state, atol=1e-3)
+        np.testing.assert_allclose(state_of(config, info), state, atol=1e-4)
         observation, *_, info = env.step(policy(observation))
     env.close()
     with pytest.raises(ValueError, match="must stand after 2 s"):

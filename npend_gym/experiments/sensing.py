@@ -63,7 +63,11 @@ def sensed_periods(
     n, periods = chain.n, np.full(chain.n, math.nan)
     if chain.gravity == 0.0:
         return periods
-    windows = [duration] if duration else [one * slowest_period(chain.hung()) for one in _WINDOWS]
+    if duration is None:
+        slowest = slowest_period(chain.hung())
+        windows = [one * slowest for one in _WINDOWS]
+    else:
+        windows = [duration]
     for window in windows:
         if window / sensor.interval * n > _MOST_SAMPLES:
             raise ValueError(
