@@ -357,7 +357,8 @@ def test_every_judge_refuses_a_seed_that_is_none_and_environments_of_others(judg
     for seed, error in ((None, TypeError), (0.5, TypeError), (-1, ValueError)):
         with pytest.raises(error, match=f"seed must be .*, got {seed}"):
             judge(policy, policy.env, seed=seed)
-    for env in ("CartPole-v1", gym.spec("CartPole-v1"), "Pendulum-v1"):
+    ids = "CartPole-v1", gym.spec("CartPole-v1"), "Pendulum-v1"
+    for env in (*ids, {"id": "CartPole-v1", "n": 1}):
         with pytest.raises(TypeError, match=r"env must be an id .* got '(CartPole|Pendulum)-v1'"):
             judge(policy, env)
 

@@ -46,7 +46,13 @@ class Setting(NamedTuple):
     def make(self, num_envs: int, **changed: Any) -> Any:
         """Return a vector environment, some keywords changed."""
         register_envs()
-        envs: Any = gym.make_vec(self.env_id, num_envs=num_envs, **self.keywords | changed)
+        keywords = self.keywords | changed
+        try:
+            envs: Any = gym.make_vec(self.env_id, num_envs=num_envs, **keywords)
+        except TypeError:
+            if keywords:
+                Setting(self.env_id, {}).make(1).close()  # says so where it is none of ours
+            raise
         if not isinstance(getattr(envs.unwrapped, "config", None), EnvConfig):
             envs.close()
             raise _no_setting(self.env_id)
@@ -73,7 +79,6 @@ class Setting(NamedTuple):
         Nothing is drawn there by `randomize`; noise, delays and pushes that are plain keywords are
         kept. Episodes last for `seconds`.
         """
-        Setting(self.env_id, {}).make(1).close()  # refuses others before it is given our keywords
         given = self.keywords
         if given.get("observe_context", False):
             raise ValueError(
