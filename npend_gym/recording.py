@@ -90,7 +90,7 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
     """
     interval = _checks.positive_number("interval", interval)
     chain, seconds = experiment.chain_of(run.n), _seconds(experiment, run)
-    _check_size(seconds / interval, run.n)
+    check_angles(seconds / interval, run.n)
     times = interval * np.arange(math.ceil(seconds / interval - 1e-9) + 1)
     motion = simulate(chain, run.start, 0.0, times)
     periods = _recorded(run.periods, motion)
@@ -144,7 +144,7 @@ def record_simulation(
     """
     seconds = _checks.positive_number("duration", seconds)
     steps = [min(_checks.positive_number("interval", each), seconds) for each in intervals]
-    _check_size(sum(seconds / step for step in steps), chain.n)
+    check_angles(sum(seconds / step for step in steps), chain.n)
     instants = [step * np.arange(int(seconds / step + 1e-9) + 1.0) for step in steps]
     motion = simulate(chain, theta, omega, np.unique(np.concatenate(instants)))
     first, periods = motion.theta[0], np.full(chain.n, np.nan)
@@ -175,11 +175,14 @@ def _at(motion: Trajectory, instants: FloatArray) -> Trajectory:
     return replace(motion, **{name: each[rows] for name, each in kept.items() if each is not None})
 
 
-def _check_size(instants: float, n: int) -> None:
+def check_angles(
+    instants: float, n: int, remedy: str = "take a longer interval or a shorter duration"
+) -> None:
+    """Refuse a recording, or a film, that would have too many instants of n rods."""
     if instants * n > _MOST_ANGLES:
         raise ValueError(
-            f"a recording must hold at most {_MOST_ANGLES} angles, got {instants:.0f} instants of "
-            f"{n} rods; take a longer interval or a shorter duration"
+            f"a recording must hold at most {_MOST_ANGLES} angles, got {instants:.6g} instants of "
+            f"{n} rods; {remedy}"
         )
 
 
@@ -263,7 +266,7 @@ def record_episode(
     seconds, seed = _checks.positive_number("seconds", seconds), _checks.count("seed", seed, low=0)
     env: Any = gym.make(ENV_ID, **keywords)
     config = env.unwrapped.config
-    _check_size(seconds / config.dt, config.n)
+    check_angles(seconds / config.dt, config.n)
     observation, info = env.reset(seed=seed)
     infos, done = [info], False
     while not done:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from npend_gym import Chain, __version__, simulate
+from npend_gym import Cart, Chain, __version__, simulate
 from npend_gym.cli import main
 from npend_gym.experiments import ReleaseExperiment, measure
 from npend_gym.identification import read_motion
@@ -73,6 +73,26 @@ def test_a_film_of_a_simulated_chain_on_a_cart_shows_how_far_that_goes():
         np.testing.assert_allclose(tip_of(pictures.picture(k), 240), expected, atol=2.5)
 
 
+def far_motion(case):
+    """A motion of two bobs that goes further than the chain is long."""
+    times = np.linspace(0.0, 2.0, 51)
+    if case == "springs":
+        return simulate(Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0), 1.5, 0.0, times)
+    return simulate(Chain.uniform(2, base=Cart(1.0)), np.pi / 2, 0.0, times, velocity=3.0)
+
+
+@pytest.mark.parametrize("case", ["springs", "a cart"])
+def test_the_tip_is_in_every_picture_of_a_film_that_keeps_one_scale(case):
+    motion = far_motion(case)
+    shown = Film(record_motion(motion), size=240, diagrams=False)
+    places = shown.recording.positions()
+    reach = np.abs(places).max()
+    assert reach > 1.3 * motion.chain.total_length
+    for k in range(0, 51, 10):
+        expected = 120 + 0.44 * 240 * places[k, -1] * (1.0, -1.0) / reach
+        np.testing.assert_allclose(tip_of(shown.picture(k), 240), expected, atol=1.0)
+
+
 def test_the_diagrams_appear_from_left_to_right():
     shown = film()
     diagrams = [shown.picture(k)[:, 240:].astype(int) for k in (0, 40, len(shown) - 1)]
@@ -129,6 +149,23 @@ def test_a_gif_plays_at_its_speed(fps, tmp_path):
     assert np.abs(ends).max() <= 5.0  # ms
     with pytest.raises(ValueError, match=r"fps must be at most 50 in a GIF.*got 60: write"):
         write(film(1, duration=0.7, size=120, fps=60.0), tmp_path / "b.gif")
+
+
+def test_a_gif_refuses_pictures_that_would_stand_longer_than_its_delays_can_say(tmp_path):
+    slow = Film(film(1, duration=0.7).recording, fps=0.0015, size=120)
+    with pytest.raises(ValueError, match=r"fps must be at least 0\.00153 in a GIF.*got 0\.0015"):
+        write(slow, tmp_path / "a.gif")
+    with pytest.raises(ValueError, match="fps must be at least"):
+        slow._repr_html_()
+    slow = Film(slow.recording, fps=0.00153, size=120)
+    with Image.open(write(slow, tmp_path / "a.gif")) as image:
+        assert image.info["duration"] == pytest.approx(1000.0 / 0.00153, abs=10.0)
+
+
+@pytest.mark.parametrize("change", [{"fps": 1e12}, {"speed": 1e-12}])
+def test_a_film_of_more_pictures_than_anyone_can_hold_is_refused_before_it_is_made(change):
+    with pytest.raises(ValueError, match=r"at most 20000000 angles.*lower fps or raise speed"):
+        Film(film(2, duration=0.2).recording, **change)
 
 
 def _delay(image, k):

@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from test_env_links import CHAIN
 
 import npend_gym
-from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym import Cart, Chain, pseudo_periods, simulate
 from npend_gym.envs import Mode
 from npend_gym.envs.modes import MODES
 
@@ -372,6 +372,18 @@ def test_pictures_have_the_size_asked_for_the_rate_of_steps_and_if_plain_hide_th
     assert env.metadata["render_fps"] == 1e9
     assert make(mode="passive", n=3).metadata["render_fps"] == 100
     assert make(mode="swingup", n=2).metadata["render_fps"] == 20
+
+
+def test_a_chain_beside_the_end_of_its_rail_is_in_the_picture():
+    pytest.importorskip("pygame")
+    env = make(chain=Chain([1.0], [1.0], base=Cart(1.0)), mode="swingup", render_mode="rgb_array")
+    for cart in (0.5, -1.9):
+        turned = np.copysign(np.pi / 2, cart)
+        env.reset(seed=0, options={"theta": [turned], "cart_position": cart})
+        tip = np.abs(env.render().astype(int) - (0xD5, 0x5E, 0x00)).max(axis=-1) < 3
+        reach = max(2.0, abs(cart) + 1.0)  # the rail fills the picture until the tip is beyond it
+        x = 240.0 + 0.44 * 480 * (cart + np.sign(cart)) / reach
+        assert np.nonzero(tip)[1].mean() + 0.5 == pytest.approx(x, abs=1.0)
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])

@@ -288,6 +288,40 @@ def test_a_bob_follows_the_pointer_and_is_measured_after_it_is_let_go(page):
     wait_for(page, lambda: re.search(r"\d\.\d{4}", page.text_content("#table")) is not None)
 
 
+@pytest.mark.parametrize("keys", [0, 6], ids=["a pull", "a motor"])
+def test_what_is_let_go_in_a_pause_is_measured_from_there(page, keys):
+    page.focus("#chain")
+    for _ in range(keys):
+        page.keyboard.press("ArrowUp")
+    page.keyboard.down("ArrowRight")
+    wait_for(page, lambda: clock(page) > 0.3)
+    page.keyboard.press("Space")
+    page.keyboard.up("ArrowRight")
+    wait_for(page, lambda: clock(page) == 0.0)
+    names = "all => all.map((one) => one.textContent)"
+    assert page.eval_on_selector_all("#measured .legend span", names) == ["bobs"]
+
+
+def test_one_pendulum_swings_and_rests(page):
+    slide(page, "n", 1)
+    slide(page, "gravity", 0.0)
+    wait_for(page, lambda: page.text_content("#status").startswith("1 pendulum swings; no bob"))
+    page.click("#play")
+    wait_for(page, lambda: page.text_content("#status").startswith("1 pendulum rests; no bob"))
+
+
+def test_the_energy_of_heavy_links_is_drawn_between_labels_that_differ(open_page, tmp_path):
+    heavy = Chain([20.0, 20.0], [5.0, 5.0], centres=[2.5, 2.5], inertias=[40.0, 40.0])
+    page, _ = page_of(open_page, tmp_path, heavy)
+    page.evaluate("document.getElementById('lesson').open = true")
+    find = "all => all.map((one) => one.textContent)"
+    wait_for(page, lambda: len(page.eval_on_selector_all("#energies > text", find)) > 4)
+    texts = page.eval_on_selector_all("#energies > text", find)
+    up = texts[: texts.index("time [s]")]
+    up = up[next(k for k in range(1, len(up)) if float(up[k]) > 100.0) :]
+    assert len(set(up)) == len(up) > 1
+
+
 def test_while_paused_a_bob_stays_where_it_is_put(page):
     page.click("#play")
     start = pixel_of_bob(page, 3)

@@ -126,6 +126,32 @@ def test_a_motion_is_filmed(motion, tmp_path):
         motion.animate(tmp_path / "chain.webm")
 
 
+@pytest.mark.parametrize(("fps", "pictures"), [(60.0, 91), (100.0, 151), (240.0, 144)])
+def test_a_film_of_many_pictures_a_second_plays_at_its_speed_in_a_notebook(motion, fps, pictures):
+    film = motion.animate(fps=fps, size=120)
+    shown = base64.b64decode(re.search(r"base64,(.*?)\"", film._repr_html_())[1])
+    delays = []
+    with Image.open(io.BytesIO(shown)) as image:
+        for k in range(image.n_frames):
+            image.seek(k)
+            delays.append(image.info["duration"])
+    assert len(film) == pytest.approx(3.0 * fps, abs=1)
+    assert len(delays) == pytest.approx(pictures, abs=1)
+    assert min(delays) >= 20  # browsers slow down shorter ones
+    assert sum(delays) == pytest.approx(3000.0, abs=40.0)
+
+
+def test_a_film_is_written_to_a_path_and_anything_else_is_refused_by_name(motion):
+    with pytest.raises(TypeError, match="path must be a string or path-like, got 3"):
+        motion.animate(3)
+
+
+def test_one_pendulum_is_not_called_pendulums():
+    shown = simulate(Chain.uniform(1), 1.0, 0.0, [0.0, 1.0])._repr_html_()
+    assert 'title="Motion of 1 pendulum"' in shown
+    assert [one["label"] for one in data_of(shown)] == ["0: 1 pendulum"]
+
+
 def test_a_chain_draws_itself_to_scale_with_its_data():
     chain = Chain([4.0, 1.0, 1.0], [1.0, 0.5, 0.25], gravity=1.62)
     shown = chain._repr_html_()

@@ -10,7 +10,7 @@ import pytest
 from accessibility import grave_findings
 from conftest import wait_for
 
-from npend_gym import __version__, theory
+from npend_gym import Chain, __version__, theory
 from npend_gym.cli import main
 from npend_gym.experiments import ReleaseExperiment, run_release
 from npend_gym.recording import record_first_trials, record_release
@@ -155,6 +155,19 @@ def test_changed_results_are_refused(runs, tmp_path, refusal):
     table.write_text(table.read_text().replace("2.7", "2.8"))
     error = refusal("release", str(tmp_path), "--page", str(tmp_path / "a.html"))
     assert "periods.csv has been changed since" in error
+
+
+def test_the_page_of_springs_holds_places_within_the_picture(tmp_path):
+    plan = ReleaseExperiment(
+        chain=Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0), trials=1, duration=5.0
+    )
+    runs = run_release(plan)
+    (shown,) = data_of(written(plan, runs, tmp_path))["releases"]
+    places = np.frombuffer(base64.b64decode(shown["places"]), "<f4").reshape(-1, 2, 2)
+    motion = record_release(plan, runs[0], shown["interval"]).motion
+    farthest = np.hypot(*motion.positions().T).max()
+    assert farthest > 1.2 * motion.chain.total_length
+    np.testing.assert_allclose(farthest * places, motion.positions(), atol=2e-4)
 
 
 # ---- in a browser --------------------------------------------------------------------------------
@@ -325,3 +338,25 @@ def test_without_a_script_the_tables_are_there(browser, path):
     assert tab.locator("details table tbody tr").count() == 2
     assert "need JavaScript" in tab.locator("noscript").inner_text()
     context.close()
+
+
+@pytest.mark.long
+def test_both_axes_of_the_diagram_of_the_law_have_numbers_for_a_single_chain(open_page, tmp_path):
+    plan = ReleaseExperiment(chain=Chain.dm_control("cartpole", 3), trials=1)
+    page = open_page(written(plan, run_release(plan), tmp_path))
+    texts = page.eval_on_selector_all("#law > text", "all => all.map((one) => one.textContent)")
+    across = [float(one) for one in texts[: texts.index("number of pendulums N")]]
+    assert across[0] == 3.0
+    assert len(across) > 2
+    assert all(np.diff(across[1:]) > 0.0)
+
+
+@pytest.mark.long
+def test_the_page_of_one_pendulum_speaks_of_one(open_page, tmp_path):
+    plan = ReleaseExperiment(n_values=(1,), trials=1)
+    page = open_page(written(plan, run_release(plan), tmp_path))
+    assert page.title() == "Release of N = 1 pendulum"
+    go(page, 3.0)
+    assert page.text_content("#state").startswith("1 of 1 bob has completed, mean 2.")
+    label = page.get_attribute("#chain", "aria-label")
+    assert label == "Animation of 1 pendulum; 1 of 1 bob has completed"

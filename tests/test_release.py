@@ -143,6 +143,27 @@ def test_figures_show_every_release(runs):
     period_against_n(plan, several)
 
 
+@pytest.mark.parametrize("n", [1, 3])
+def test_the_figure_of_bobs_shows_legend_dots_and_bobs_whole_for_a_single_n(n):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from npend_gym.report.release_figures import period_of_each_bob
+
+    plan = ReleaseExperiment(n_values=(n,), trials=3, amplitude=3.0, duration=30.0)
+    runs = run_release(plan)
+    figure = period_of_each_bob(plan, runs)
+    FigureCanvasAgg(figure).draw()
+    (legend,), (axes,) = figure.legends, figure.axes
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0
+    assert box.x1 <= figure.bbox.x1
+    assert axes.bbox.height > 0.4 * figure.bbox.height
+    ticks = axes.get_xticks()
+    np.testing.assert_array_equal(ticks, np.round(ticks))
+    highest = np.nanmax(np.concatenate([run.periods for run in runs]))
+    assert axes.get_ylim()[1] > 1.04 * highest
+
+
 def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monkeypatch):
     report.write(SMALL, runs, tmp_path, figures=False)
     before = (tmp_path / "periods.csv").read_bytes()

@@ -114,7 +114,8 @@ class Camera:
         forces, torques = np.split(action, [int(config.has_cart)])
         return render.Scene(
             positions=positions,
-            reach=max(rail, episodes.chain_length(lane)),
+            # beside the end of a rail the chain leaves it
+            reach=max(rail, episodes.chain_length(lane), float(np.abs(positions).max())),
             time=float(info["time"][lane]),
             energy=float(info["energy"][lane]),
             pseudo_period=float(info["pseudo_period"][lane]),

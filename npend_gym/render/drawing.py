@@ -29,7 +29,7 @@ class Scene:
     """What one picture shows; (0, 0) is the pivot, or the middle of the rail; y points upwards."""
 
     positions: FloatArray  #: far ends of the rods, from the pivot to the tip, of shape (n, 2) [m]
-    reach: float  #: length of the chain, or rail [m]; the disc of this radius is always in view
+    reach: float  #: length of what is shown [m]; the disc of this radius is always in view
     time: float = 0.0  #: [s]
     energy: float = 0.0  #: above rest [J]
     pseudo_period: float = 0.0  #: [s]; zero: not measured yet

@@ -7,6 +7,7 @@ import errno
 import html
 import io
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 
 from npend_gym import _checks, _extras, _files
 from npend_gym._palette import BLACK, BLUE, GREEN, INK, ORANGE, PAPER, rgb
-from npend_gym.recording import Recording
+from npend_gym.recording import Recording, check_angles
 from npend_gym.render import Frame, Painter, Scene
 
 try:
@@ -32,6 +33,7 @@ SUFFIXES = (".gif", ".mp4")
 _INCHES = 4.8  # height of the diagrams: sets the size of their text
 _TRACE_SECONDS = 3.0
 _COLORS, _GIF_FPS = 128, 50  # of a GIF, at most: browsers slow down shorter delays
+_GIF_SECONDS = 655  # of a picture in a GIF, at most: delays have 16 bits
 _SIGNS = LinearSegmentedColormap.from_list("signs", [BLUE, "#F7F7F7", ORANGE])
 _TITLES = {
     "bob": "bobs going left (blue), right (orange); dot: turned twice",
@@ -76,11 +78,14 @@ class Film:
         self._painter = Painter(size)
         motion = recording.motion
         interval = self.speed / self.fps
+        check_angles(float(motion.times[-1]) / interval, motion.chain.n, "lower fps or raise speed")
         times = interval * np.arange(int(motion.times[-1] / interval + 1e-6) + 1)
         self._shown = np.searchsorted(motion.times, times + 1e-6 * interval, side="right") - 1
         self._places, self._energy = recording.positions(), motion.energy()
         self._cart = recording.cart()
         self._rail: float = recording.rail or float(np.abs(self._cart).max())
+        farthest = float(np.abs(self._places).max())  # on springs, or beside the end of a rail
+        self._reach: float = max(self._rail, motion.chain.total_length, farthest)
         self._centres = recording.on_rail(motion.bodies())
         self._turned = recording.turning_points()
         self._diagrams = _diagrams(recording, size) if diagrams else None
@@ -92,9 +97,17 @@ class Film:
         return map(self.picture, range(len(self)))
 
     def _repr_html_(self) -> str:
-        """Return the film as a GIF within HTML: what a notebook shows."""
-        file = io.BytesIO()
-        _write_gif(self, file, "", iter)
+        """Return the film as a GIF within HTML: what a notebook shows.
+
+        Of more than 50 pictures a second it shows every second, third and so on.
+        """
+        file, step = io.BytesIO(), math.ceil(self.fps / _GIF_FPS)
+        shown = self if step == 1 else Film(
+            self.recording, fps=self.fps / step, speed=self.speed, size=self._painter.size,
+            diagrams=self._diagrams is not None,
+        )  # fmt: skip
+        _check_gif(shown.fps)
+        _write_gif(shown, file, "", iter)
         data = base64.b64encode(file.getvalue()).decode()
         return (
             f'<img alt="{html.escape(self.recording.caption)}" src="data:image/gif;base64,{data}">'
@@ -116,7 +129,7 @@ class Film:
         acts = float(np.clip(recording.torque[now], -1.0, 1.0))  # noise may take it beyond
         return Scene(
             positions=self._places[now],
-            reach=max(self._rail, motion.chain.total_length),
+            reach=self._reach,
             time=float(time),
             energy=float(self._energy[now]),
             pseudo_period=float(recording.periods[done].mean()) if done.any() else 0.0,
@@ -209,12 +222,22 @@ def check_size(size: int) -> None:
 def check_suffix(path: Path, fps: float) -> str:
     """Return the suffix of a film, if such a file can show `fps` pictures a second."""
     suffix = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
-    if suffix == ".gif" and fps > _GIF_FPS:
+    if suffix == ".gif":
+        _check_gif(fps)
+    return suffix
+
+
+def _check_gif(fps: float) -> None:
+    if fps > _GIF_FPS:
         raise ValueError(
             f"fps must be at most {_GIF_FPS} in a GIF, which shows each picture for whole "
             f"hundredths of a second, got {fps:g}: write an .mp4, or lower fps"
         )
-    return suffix
+    if fps * _GIF_SECONDS < 1.0:
+        raise ValueError(
+            f"fps must be at least {1.0 / _GIF_SECONDS:.5f} in a GIF, which shows each picture for "
+            f"at most {_GIF_SECONDS} s, got {fps:g}: write an .mp4, or raise fps"
+        )
 
 
 def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:

@@ -39,7 +39,7 @@ def as_html(motion: Any) -> str:
         return f"<code>{html.escape(repr(motion))}</code>"
     places = _MOST_PLACES // len(each)
     releases = [_played(one, k, places) for k, one in enumerate(each)]
-    title = f"Motion of {motion.chain.n} pendulums"
+    title = f"Motion of {_pendulums(motion.chain.n)}"
     text = player.page(
         "player.html",
         {"releases": releases},
@@ -51,6 +51,10 @@ def as_html(motion: Any) -> str:
         f'<iframe title="{title}" sandbox="allow-scripts" srcdoc="{html.escape(text)}" '
         'style="width: 100%; max-width: 40rem; aspect-ratio: 1; border: 0"></iframe>'
     )
+
+
+def _pendulums(n: int) -> str:
+    return f"{n} pendulum{'s' * (n > 1)}"
 
 
 def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
@@ -75,7 +79,7 @@ def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
     cart = np.interp(times, shown.times, recording.cart()) / size if on_cart else None
     centres = player.centres(shown) if bobs.size == n else []
     return {
-        "label": f"{k}: {n} pendulums",
+        "label": f"{k}: {_pendulums(n)}",
         "periods": [None] * int(bobs.size),
         **player.moving(places / size, float(times[1]), centres, cart),
     }
@@ -171,8 +175,9 @@ def animate(
     """
     from npend_gym.report import animation
 
+    file = None if path is None else _checks.path("path", path)
     film = animation.Film(record_motion(motion), fps=fps, speed=speed, size=size, diagrams=diagrams)
-    if path is not None:
-        suffix = _checks.choice("the suffix of path", Path(path).suffix, animation.SUFFIXES)
-        animation.write(film, Path(path).with_suffix(suffix))
+    if file is not None:
+        _checks.choice("the suffix of path", file.suffix, animation.SUFFIXES)
+        animation.write(film, file)
     return film

@@ -21,7 +21,9 @@ from npend_gym._version import __version__
 
 SUFFIXES = (".html",)  # of a page
 _SHARED = "common.js", "stage.js"
-_COMMENTS = re.compile(r"^ *(?://.*|/\*\*(?:.|\n)*?\*/)\n", re.MULTILINE)  # left out of pages
+_COMMENTS = re.compile(  # left out of pages
+    r"^ *(?://.*|/\*\*(?:.|\n)*?\*/)\n| +// .*", re.MULTILINE
+)
 _PALETTE = {"ramp": RAMP, "tip": ORANGE}
 _DECIMALS = 4  # kept of the places, in units of the chain's length
 # Name of a colour in the page: colour on light and on dark paper
@@ -45,7 +47,7 @@ def moving(
     """Return a motion as the player reads it.
 
     The places of the bobs, (T, n, 2), and of a cart, (T,), are those at every `interval` [s], over
-    the length of the chain; for `centres` see there.
+    the largest extent of the chain; for `centres` see there.
     """
     bodies = places
     if cart is not None:

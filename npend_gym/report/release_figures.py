@@ -96,12 +96,13 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
             axes.axhline(models.ideal, color=_IDEAL, label="the paper's $T_0$")
         if np.isfinite(models.fundamental):
             axes.axhline(models.fundamental, color=_FUNDAMENTAL, label="$T_1$, slowest normal mode")
-        axes.set_ylim(0.0, None)
+        highest = float(axes.dataLim.y1)  # not finite where nothing has completed
+        axes.set_ylim(0.0, 1.05 * highest if 0.0 < highest < np.inf else None)
         axes.set_title(f"N = {n}: {_completed(runs, n)}")
         axes.set(xlabel="bob, counted from the pivot", ylabel="pseudo-period [s]")
-        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
         axes.set_xlim(1 - 0.04 * n, n + 0.04 * n)
-    legend_below(figure, figure.axes[0], 5)
+    legend_below(figure, figure.axes[0], 5 if columns > 1 else 2)
     return figure
 
 

@@ -38,7 +38,7 @@ def page(
     if len(runs) < planned:
         measured = f"{len(runs)} of {planned} releases: the run was interrupted"
     texts = {
-        "title": f"Release of N = {n_values} pendulums",
+        "title": f"Release of N = {n_values} pendulum{'s' * (n_values != '1')}",
         "about": f"Released from rest at {start:.4g} degrees plus up to {spread:.3g} degrees; "
         f'reading "{experiment.reading}", seed {experiment.seed}, {measured}. '
         "The animation shows the first.",
@@ -82,12 +82,13 @@ def _models(experiment: ReleaseExperiment, n: int, start: float) -> dict[str, fl
 def _recorded(experiment: ReleaseExperiment, recording: Recording) -> dict[str, Any]:
     motion, n = recording.motion, recording.motion.chain.n
     start = float(motion.theta[0, 0])
-    length = motion.chain.total_length
-    cart = None if motion.chain.base is None else recording.cart() / length
+    farthest = float(np.hypot(*motion.positions().T).max())  # a spring reaches beyond its length
+    size = max(motion.chain.total_length, farthest)
+    cart = None if motion.chain.base is None else recording.cart() / size
     return {
         "label": f"{n}, from {math.degrees(start):.4g} degrees",
         **player.moving(
-            recording.positions() / length, float(motion.times[1]), player.centres(motion), cart
+            recording.positions() / size, float(motion.times[1]), player.centres(motion), cart
         ),
         "periods": [float(t) if math.isfinite(t) else None for t in recording.periods],
         "models": {

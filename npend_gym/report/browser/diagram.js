@@ -9,11 +9,12 @@ function draw(parent, name, attributes, text) {
   return parent.appendChild(element);
 }
 
-/** Round (or whole) numbers between low and high: at most eight, or 1, 2, 5, 10, ... on a log axis. */
+/** Round (or whole) numbers between low and high: at most eight; 1, 2, 5, 10, ... on a log axis with two of them. */
 function ticks({ low, high, log, whole }) {
   const decades = Array.from({ length: 15 }, (_, k) => 10 ** (k - 6));
   const round = decades.flatMap((power) => [1, 2, 5].map((digit) => digit * power));
-  if (log) return round.filter((value) => value >= low && value <= high);
+  const within = round.filter((value) => value >= low && value <= high);
+  if (log && within.length > 1) return within;
   const step = round.find((size) => (high - low) / size <= 8 && !(whole && size < 1));
   const first = Math.ceil(low / step), count = Math.floor(high / step) - first + 1;
   return Array.from({ length: count }, (_, k) => (first + k) * step);

@@ -33,7 +33,10 @@ function showPlots() {
   if (shown.length < 2) return;
   const series = (name, color, x, y, style) => ({ name, color, style, kind: "line", points: shown.map((row) => ({
     x: x(row), y: y(row), text: `${x(row).toFixed(2)}, ${y(row).toFixed(2)}` })) });
-  const axis = (label, all) => ({ label, low: Math.min(...all), high: Math.max(...all) + 1e-3 });
+  const axis = (label, all) => { // wide enough for labels that differ
+    const low = Math.min(...all), least = 1e-3 * Math.max(1, Math.abs(low));
+    return { label, low, high: Math.max(low + least, ...all) };
+  };
   const show = (id, label, x, y, all) => {
     const points = all.flatMap((one) => one.points);
     plot($(id), label, axis(x, points.map((at) => at.x)), axis(y, points.map((at) => at.y)), all);

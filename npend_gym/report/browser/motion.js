@@ -36,6 +36,7 @@ let pull = null; // {bob, x, y}: a bob, or the cart, -1, and where it is pulled 
 let chosen = null; // the joint that keys act on: 0 is the pivot or the cart, k is bob k
 let released = null; // rad, of the release, while nothing else has moved the chain
 let twin = 0; // rad, by which the second chain is turned at the start; 0: there is none
+let disturbed = false; // whether a pull or a turn has acted since the measurement began
 let upright = false; // whether the network has met its goal for as long as success needs
 let trace = []; // of the tip
 const marks = new Map(); // where bobs have completed
@@ -62,7 +63,7 @@ function begin(theta, omega, place = 0, speed = 0) {
   if (twin) second.begin(parameters(), theta.map((angle) => angle + twin), omega, place, speed);
   [trace, rows] = [[], []];
   marks.clear();
-  [owed, ticked, upright, action] = [0, 0, false, 0];
+  [owed, ticked, upright, disturbed, action] = [0, 0, false, false, 0];
   tell.reset();
   record();
   player.redraw();
@@ -99,6 +100,7 @@ function tick() {
   const { torque } = chain.base, every = Math.round(task.dt / TICK);
   if (motor && ticked % every === 0) action = motor.act(chain.observation);
   ticked += 1;
+  disturbed ||= Boolean(pull || turn);
   const limit = task.torque * chain.liftingEnergy;
   const parts = pull ? pullParts() : 1;
   for (let part = 0; part < parts; part++) {
@@ -187,7 +189,7 @@ function rest(theta, place = chain.place) {
 function letGo() {
   if (!pull && !turn) return;
   [pull, turn] = [null, 0];
-  if (player.playing && !motor) goOn();
+  if (disturbed && !motor) goOn();
   tell.spoken = -Infinity; // nothing is pulled any more
   player.redraw();
 }

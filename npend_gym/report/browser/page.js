@@ -12,11 +12,11 @@ beside.shown = () => {
   told = done.length;
   showPeriods(known, Object.entries(models).map(([name, model]) => ({ name, ...model })), end);
   const mean = done.reduce((total, period) => total + period, 0) / done.length, last = Math.max(...done);
-  const count = `${done.length} of ${n} bobs have completed`;
+  const count = completion(done.length, n);
   $("state").textContent = done.length
     ? `${count}, mean ${seconds(mean)}; latest: bob ${known.indexOf(last) + 1}, ${seconds(last)}`
     : count;
-  $("chain").setAttribute("aria-label", `Animation of ${n} pendulums; ${count}`);
+  $("chain").setAttribute("aria-label", `Animation of ${plural(n, "pendulum")}; ${count}`);
 };
 
 function drawLaw({ series, x, y }) {
@@ -24,7 +24,7 @@ function drawLaw({ series, x, y }) {
     x: n, y: value, text: text ?? `${one.name}, N = ${n}: ${seconds(value)}`,
   })) }));
   plot($("law"), "Pseudo-period against the number of pendulums, with models",
-    { ...x, label: "number of pendulums N" }, { ...y, label: "pseudo-period [s]" }, named);
+    { ...x, label: "number of pendulums N", whole: true }, { ...y, label: "pseudo-period [s]" }, named);
 }
 
 drawLaw(data.law);

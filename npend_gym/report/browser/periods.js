@@ -1,5 +1,8 @@
 // The pseudo-periods of all bobs: as a diagram with their models, and in the table.
 
+/** How many of n bobs have completed, in words. */
+const completion = (done, n) => `${done} of ${plural(n, "bob")} ${done === 1 ? "has" : "have"} completed`;
+
 /** A series for the diagram of n bobs: a line across it. */
 function level(name, color, style, value, n) {
   const points = [0.5, n + 0.5].map((x) => ({ x, y: value, text: `${name}: ${seconds(value)}` }));

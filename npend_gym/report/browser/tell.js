@@ -36,8 +36,9 @@ const tell = {
     if (pull) return `Bob ${pull.bob + 1} of ${n} is pulled.`;
     if (motor && upright) return `${plural(n, "rod")} stand upright. Pull a bob, and see whether they get up again.`;
     if (motor) return `A network swings up ${plural(n, "rod")} by the motor at the pivot.`;
-    if (done === 0) return `${plural(n, "pendulum")} ${player.playing ? "swing" : "rest"}; no bob has completed its pseudo-period.`;
-    return `${done} of ${plural(n, "bob")} ${done === 1 ? "has" : "have"} completed, mean pseudo-period ${seconds(chain.output("PSEUDO_PERIOD"))}.`;
+    const act = (player.playing ? "swing" : "rest") + (n === 1 ? "s" : "");
+    if (done === 0) return `${plural(n, "pendulum")} ${act}; no bob has completed its pseudo-period.`;
+    return `${completion(done, n)}, mean pseudo-period ${seconds(chain.output("PSEUDO_PERIOD"))}.`;
   },
   /** The models of the release that is shown, if it is one that they are of. */
   models() {
