@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CHUNK = 1 << 20  # bytes read at a time
-_MAX_TEXT = 10_000_000  # bytes of a JSON file
+MAX_TEXT = 10_000_000  # bytes of a JSON file
 MAX_DEPTH = 32  # lists and dicts inside each other
 
 
@@ -151,9 +151,9 @@ def read_text(path: Path) -> str:
     if path.exists() and not path.is_file():  # a FIFO would wait for ever
         raise ValueError("it is no file")
     with path.open("rb") as file:
-        text = file.read(_MAX_TEXT + 1)
-    if len(text) > _MAX_TEXT:
-        raise ValueError(f"it has more than {_MAX_TEXT} bytes")
+        text = file.read(MAX_TEXT + 1)
+    if len(text) > MAX_TEXT:
+        raise ValueError(f"it has more than {MAX_TEXT} bytes")
     return text.decode("utf-8-sig")
 
 

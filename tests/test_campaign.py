@@ -61,6 +61,18 @@ def test_numpy_integers_of_a_plan_do_not_overflow():
     assert (plan.releases, plan.task_count) == (400, 4)
 
 
+def test_a_plan_with_a_seed_of_numpy_is_kept_in_the_folder(tmp_path):
+    with Campaign(CampaignPlan(n=2, seed=np.int64(7)), tmp_path) as campaign:
+        assert campaign.plan == Campaign(None, tmp_path).plan
+
+
+def test_a_plan_that_is_too_large_for_its_file_is_refused_before_the_folder_is_made(tmp_path):
+    masses = np.random.default_rng(0).uniform(1.0, 2.0, (200, 1000)).tolist()
+    with pytest.raises(ValueError, match=r"plan\.json must have at most 10000000 bytes, got 1"):
+        Campaign(CampaignPlan(n=1000, masses=masses), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_plan_equals_the_plan_that_is_made_from_its_dict():
     plan = CampaignPlan(n=range(2, 4), masses=[1, [1, 2.5]][:1], amplitude=np.array([0.1, 0.2]))
     again = CampaignPlan(**json.loads(json.dumps(plan.as_dict())))
@@ -335,6 +347,16 @@ def test_a_second_driver_on_a_folder_is_refused(tmp_path):
         assert not campaign.status.done
 
 
+def test_a_driver_made_before_another_with_another_plan_began_keeps_its_results(tmp_path):
+    late = Campaign(CampaignPlan(n=[3], trials=5), tmp_path)
+    completed(SMALL, tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(ValueError, match=r"holds another plan, with n = \[2, 3\] where"), late:
+        pass
+    assert contents(tmp_path) == before
+    assert Campaign(None, tmp_path).plan == SMALL
+
+
 def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
     completed(CampaignPlan(n=[2], trials=1), tmp_path)
     with pytest.raises(ValueError, match=r"another plan, with n = \[2\] where \[2, 3\] was given"):
@@ -356,12 +378,13 @@ def test_equal_plans_have_one_digest_and_continue_in_one_folder(tmp_path):
     assert CampaignPlan(n=2, trials=5, duration=10, damping=-0.0).digest == plan.digest
     older = CampaignPlan(n=2, trials=5, duration=10.0)  # of a version that kept 10 as it was
     vars(older)["digest"] = digest_of(plan.as_dict() | {"duration": 10})
+    made_before = Campaign(plan, tmp_path)
     completed(older, tmp_path)
     path = tmp_path / "plan.json"
     path.write_text(path.read_text().replace('"duration": 10.0', '"duration": 10'))
     before = contents(tmp_path)
-    for given in (plan, None):
-        with Campaign(given, tmp_path) as campaign:
+    for campaign in (made_before, Campaign(plan, tmp_path), Campaign(None, tmp_path)):
+        with campaign:
             assert len(campaign.status.done) == 1
     assert contents(tmp_path) == before
 
@@ -476,6 +499,19 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
     assert "Traceback" not in error
     assert " of 1000000 releases done" in out
     assert '"complete": false' in (tmp_path / "manifest.json").read_text()
+
+
+def test_sigterm_while_the_folder_is_checked_is_one_line_and_exit_code_130(
+    tmp_path, monkeypatch, capsys
+):
+    def terminated(*_, **__):
+        assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("npend_gym.experiments.campaign.campaign.check_folder", terminated)
+    assert main(["campaign", "--out", str(tmp_path), "--n", "2", "--trials", "1"]) == 130
+    assert capsys.readouterr().err == "npend campaign: interrupted\n"
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 @pytest.mark.long

@@ -151,6 +151,29 @@ def test_a_bad_file_is_refused_in_one_line_and_nothing_is_written(
 
 
 @pytest.mark.parametrize(
+    ("changes", "number"),
+    [
+        ({9: '"good"', 20: '"bad', 30: 'again"'}, 20),
+        ({20: '"bad'}, 20),
+        ({20: '"bad"ly'}, 20),
+        ({1: '"note'}, 1),
+    ],
+)
+def test_rows_at_a_stray_quotation_mark_are_refused_and_not_left_out(changes, number, motion_file):
+    lines = ["time,theta0,note", *(f"{line},swings" for line in GOOD.splitlines())]
+    for k, note in changes.items():
+        lines[k - 1] = lines[k - 1].rpartition(",")[0] + f",{note}"
+    rule = "quotation marks must begin and end a cell within its line"
+    with pytest.raises(ValueError, match=rf"motion\.csv, line {number}: {rule}"):
+        read_motion(motion_file("\n".join(lines)))
+
+
+def test_cells_may_stand_in_quotation_marks(motion_file):
+    quoted = "".join('"{}","{}"\r\n'.format(*line.split(",")) for line in GOOD.splitlines())
+    assert read_motion(motion_file('"time","theta0"\r\n' + quoted)).times.size == 60
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ("", "--lengths or --chain must be given: angles do not determine lengths"),

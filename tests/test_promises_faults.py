@@ -204,6 +204,29 @@ def test_a_map_that_is_killed_at_any_moment_resumes_and_leaves_nothing(
     assert all("is this map already" in line for line in told)
 
 
+@pytest.mark.parametrize("number", range(5))  # four parts and the map
+def test_a_run_beside_another_of_the_same_map_that_ends_first_ends_with_the_map(
+    number, counted, tmp_path, monkeypatch
+):
+    whole, out, real = MAP.run(tmp_path / "whole"), tmp_path / "beside", _files.disk
+
+    class Beside(_files.Disk):
+        done = 0
+
+        def replace(self, source, target):
+            self.done += 1
+            if self.done == number + 1:
+                with monkeypatch.context() as patch:
+                    patch.setattr(_files, "disk", real)
+                    MAP.run(out)
+            real.replace(source, target)
+
+    monkeypatch.setattr(_files, "disk", Beside())
+    np.testing.assert_array_equal(MAP.run(out), whole)
+    assert len(counted) == 4 + 4 + (4 - number)
+    assert [path.name for path in out.iterdir()] == ["map.npz"]
+
+
 def test_a_part_of_another_map_or_version_is_told_of_and_computed_again(
     counted, tmp_path, monkeypatch, caplog
 ):

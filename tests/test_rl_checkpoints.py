@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from policy_files import random_policy
 
 torch = pytest.importorskip("torch")
 
 from npend_gym import _progress  # noqa: E402
 from npend_gym.cli import main  # noqa: E402
+from npend_gym.rl.policies import files  # noqa: E402
 from npend_gym.rl.policies.files import read_policy  # noqa: E402
 from npend_gym.rl.training import experts, imitation, shac  # noqa: E402
 from npend_gym.rl.training.checkpoints import Checkpoint  # noqa: E402
@@ -89,6 +91,19 @@ def test_a_checkpoint_of_other_settings_or_none_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(ValueError, match="is no checkpoint"):
         Checkpoint(settings, path, resume=True)
+
+
+def test_a_checkpoint_of_numbers_that_print_alike_is_refused(tmp_path):
+    chains = ({"masses": 1.0, "lengths": np.array([length])} for length in (1.0, 1.0 + 1e-12))
+    one, other = (shac.Settings({"chain": chain}) for chain in chains)
+    assert repr(one) == repr(other)
+    kept = Checkpoint(one, tmp_path / "run", seconds=0.0)
+    assert not kept.is_kept
+    assert list(kept.rounds({}, 2, None, "round")) == [1, 2]
+    assert kept.is_kept
+    assert Checkpoint(one, tmp_path / "run", resume=True).is_kept
+    with pytest.raises(ValueError, match=r"this run has .*1\.000000000001"):
+        Checkpoint(other, tmp_path / "run", resume=True)
 
 
 def test_a_checkpoint_runs_no_code(tmp_path):
@@ -225,6 +240,31 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
     assert runs[0][1] == runs[1][1]
     for name in runs[0][0]:
         np.testing.assert_array_equal(*(arrays[name] for arrays, _ in runs))
+
+
+def test_after_ctrl_c_a_checkpoint_of_another_run_is_no_progress(tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shac, "train", interrupted)
+    (tmp_path / "calm-1.checkpoint").write_bytes(b"of other settings")
+    assert main(["train", "calm-1", "--out", str(tmp_path)]) == 130
+    assert "nothing was written" in capsys.readouterr().err
+
+
+def test_the_command_keeps_the_checkpoint_of_a_policy_that_cannot_be_saved(
+    tmp_path, monkeypatch, refusal
+):
+    def trained(_settings, _title, checkpoint):
+        assert list(checkpoint.rounds({}, 1, None, "update")) == [1]
+        env = {"n": 1, "mode": "calm", "observation": "sincos"}
+        return random_policy([(4, 3), (1, 4)], env), [{"steps": 1}]
+
+    monkeypatch.setattr(shac, "train", trained)
+    monkeypatch.setattr(Checkpoint.__init__, "__kwdefaults__", {"resume": False, "seconds": 0.0})
+    monkeypatch.setattr(files, "MAX_BYTES", 100)
+    assert "at most 100 bytes" in refusal("train", "calm-1", "--out", str(tmp_path))
+    assert {path.name for path in tmp_path.iterdir()} == {"calm-1.checkpoint", "calm-1.csv"}
 
 
 def test_where_the_error_stream_is_no_terminal_lines_tell_how_far_training_is(monkeypatch, capsys):

@@ -7,7 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
-from policy_files import header, save_changed, small_policy
+from policy_files import header, random_policy, save_changed, small_policy
 from safetensors.numpy import load_file
 
 from npend_gym.rl import Policy, pretrained_names
@@ -163,6 +163,42 @@ def test_a_path_that_names_another_format_is_refused(name, tmp_path):
 
 def filled(value, *shape):
     return np.full(shape, value, np.float32)
+
+
+def nested(depth):
+    return [] if depth == 1 else [nested(depth - 1)]
+
+
+WIDE = {
+    "weights": [filled(0.0, 2300, 6), filled(0.0, 2300, 2300), filled(0.0, 1, 2300)],
+    "biases": [filled(0.0, 2300), filled(0.0, 2300), filled(0.0, 1)],
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        (WIDE, ValueError, f"a policy must have at most {MAX_BYTES} bytes, got 2"),
+        ({"provenance": {"x": nested(40)}}, ValueError, "^env and provenance .*deeper than 32"),
+        ({"provenance": {"x": np.nan}}, TypeError, "^env and provenance must hold what JSON can"),
+    ],
+    ids=["large", "deep", "NaN"],
+)
+def test_a_policy_that_could_not_be_read_again_is_not_written(changes, error, message, tmp_path):
+    with pytest.raises(error, match=message):
+        small_policy(**changes).save(tmp_path / "a.safetensors")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("gear", [np.inf, [np.inf], np.array([-np.inf])])
+def test_a_policy_for_a_chain_with_an_infinite_gear_ratio_is_saved(gear, tmp_path):
+    chain = {"masses": [1.0], "lengths": [1.0], "armature": 0.1, "gear": gear}
+    env = {"chain": chain, "observation": "sincos"}
+    policy = random_policy([(4, 3), (1, 4)], env)
+    policy.save(tmp_path / "a.safetensors")
+    again = Policy.load(tmp_path / "a.safetensors")
+    assert again == policy
+    assert again.config.chain == policy.config.chain
 
 
 HUGE = 3e38

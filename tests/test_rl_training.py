@@ -207,6 +207,19 @@ def test_shac_takes_the_substeps_that_it_is_given():
     )
 
 
+@pytest.mark.long
+def test_a_policy_trained_with_chains_and_numbers_of_numpy_is_saved(tmp_path):
+    env = {"chain": Chain.uniform(1), "mode": "swingup", "observation": "sincos"}
+    env["max_torque"] = np.float32(5.0)
+    numbers = {"total_timesteps": 80, "num_envs": 4, "updates": 1, "hidden": 4, "seed": 7}
+    settings = shac.Settings(env, **{name: np.int64(number) for name, number in numbers.items()})
+    policy, _ = shac.train(settings)
+    policy.save(tmp_path / "a.safetensors")
+    again = Policy.load(tmp_path / "a.safetensors")
+    assert again == policy
+    assert (again.provenance["seed"], again.provenance["arguments"]["hidden"]) == (7, 4)
+
+
 def test_training_around_an_identified_chain_draws_within_two_standard_errors(tmp_path):
     chain = Chain([0.5, 0.4], [0.3, 0.25], centres=[0.2, 0.15], inertias=0.004, damping=0.001)
     errors = {"damping": [0.001, 0.0002], "inertias": [0.0, 0.0], "centres": [0.01, None]}

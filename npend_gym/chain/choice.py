@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -97,8 +98,10 @@ def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(value, Mapping):
             return plain_keywords(cast("Mapping[str, Any]", value))
         if isinstance(value, (tuple, list)):
-            return [plain(one) for one in cast("list[Any]", value)]
-        numbers: Any = value
-        return numbers.tolist() if isinstance(value, (np.ndarray, np.generic)) else numbers
+            return [plain(one, name) for one in cast("list[Any]", value)]
+        if isinstance(value, (np.ndarray, np.generic)):
+            return plain(value.tolist(), name)
+        # JSON has no infinity: `Chain.as_dict` writes None, too
+        return None if name == "gear" and value in (math.inf, -math.inf) else value
 
     return {name: plain(value, name) for name, value in keywords.items()}

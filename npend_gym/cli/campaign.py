@@ -73,10 +73,11 @@ def run(
 
         print(estimate(campaign.plan).text(workers or os.cpu_count() or 1))
         return OK
-    with campaign, ExitStack() as stack:
+    with ExitStack() as stack:
         # clusters end a job by SIGTERM: it is treated as Ctrl-C
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         stack.callback(signal.signal, signal.SIGTERM, before)
+        stack.enter_context(campaign)
         return _run(campaign, (backend, workers, address))
 
 

@@ -97,7 +97,7 @@ def run(
     try:
         policy, curve = chosen.train(using, task, checkpoint)
     except KeyboardInterrupt:
-        if kept.exists():
+        if checkpoint.is_kept:
             warn(f"{kept} keeps the progress: the same command with --resume continues from it")
         else:
             warn("nothing was written: the next run starts from the beginning")

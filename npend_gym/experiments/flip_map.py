@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,14 @@ _log = logging.getLogger(__name__)
 
 _ROWS = 10  # of starts, in a part that is kept as it is done
 _MAX_SIZE = 20_000
+
+
+def _written(write: Callable[[], object]) -> None:
+    """Write a file; a second time where another run of the map has ended and removed it."""
+    try:
+        write()
+    except FileNotFoundError:
+        write()
 
 
 @dataclass(frozen=True)
@@ -178,10 +187,15 @@ class FlipMap:
                 self.chain, starts, duration=self.duration, rtol=self.rtol, threads=threads
             )
             result[self._rows(k)] = times
-            _files.write_part(self._about(part=k), parts / f"{k}", times.tobytes(), _PART)
+            owner, place = self._about(part=k), parts / f"{k}"
+            _written(partial(_files.write_part, owner, place, times.tobytes(), _PART))
         about = json.dumps(provenance(self.as_dict()))
-        with _files.replacing(out / _MAP, binary=True) as file:
-            np.savez_compressed(file, times=result, first=first, second=second, about=about)
+
+        def write_map() -> None:
+            with _files.replacing(out / _MAP, binary=True) as file:
+                np.savez_compressed(file, times=result, first=first, second=second, about=about)
+
+        _written(write_map)
         self._remove_parts(out, parts)
         return result
 

@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, cast
@@ -19,6 +19,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.identification.motion import Motion, check_motion
 
 _MAX_CELLS = 50_000_000
+_QUOTES = "quotation marks must begin and end a cell within its line"
 _NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
 
 
@@ -145,9 +146,9 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
     if path.exists() and not path.is_file():  # a FIFO would wait for ever
         raise ValueError(f"{path} is no file")
     with path.open(encoding="utf-8-sig", newline="") as file:
-        lines = csv.reader(file)
+        rows = _rows(file, path)
         try:
-            header = [name.strip() for name in next(lines, list[str]())]
+            header = [name.strip() for name in next(rows, (1, list[str]()))[1]]
             if len(header) == 1 and re.search(r"[;\t]", header[0]):
                 raise ValueError(
                     f"{path} must have commas between its columns, and points in its numbers, got "
@@ -164,17 +165,31 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
                         "columns"
                     )
             cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
-            for line in filter(any, lines):
-                where = f"{path}, line {lines.line_num}"
-                if len(line) != len(names):
-                    raise ValueError(f"{where}: {len(names)} cells are needed, got {len(line)}")
+            for number, row in rows:
+                if not any(row):
+                    continue
+                where = f"{path}, line {number}"
+                if len(row) != len(names):
+                    raise ValueError(f"{where}: {len(names)} cells are needed, got {len(row)}")
                 for k, column in cells.items():  # eight bytes each, where a list takes forty
-                    column.append(_number(line[k], names[k], where))
-                if lines.line_num * len(names) > _MAX_CELLS:
+                    column.append(_number(row[k], names[k], where))
+                if number * len(names) > _MAX_CELLS:
                     raise ValueError(f"{path} must have at most {_MAX_CELLS} cells")
-        except (UnicodeDecodeError, csv.Error) as error:
+        except UnicodeDecodeError as error:
             raise ValueError(f"{path} must be a CSV file in UTF-8: {error}") from error
     return {name: np.array(cells.get(k, ())) for k, name in enumerate(names)}
+
+
+def _rows(file: Iterable[str], path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the numbers of the lines, from 1 on, and their cells."""
+    number, lines = 0, csv.reader(file, strict=True)
+    try:
+        for number, row in enumerate(lines, 1):
+            if lines.line_num > number:
+                raise ValueError(f"{path}, line {number}: {_QUOTES}")
+            yield number, row
+    except csv.Error as error:
+        raise ValueError(f"{path}, line {number + 1}: {_QUOTES} ({error})") from error
 
 
 def _names(given: list[str], columns: dict[str, str], path: Path) -> list[str]:

@@ -86,8 +86,8 @@ def resolved(out: Path | str) -> Path:
         raise ValueError(f"out must be a path of a folder, got {_checks.show(str(out))}") from error
 
 
-def read_plan(out: Path) -> CampaignPlan | None:
-    """Return the plan of the campaign in `out`; None where there is none."""
+def read_plan(out: Path, given: CampaignPlan | None = None) -> CampaignPlan | None:
+    """Return the plan of the campaign in `out`, which must be `given`; None where there is none."""
     path = out / PLAN
     try:
         text = _files.read_text(path)
@@ -111,8 +111,23 @@ def read_plan(out: Path) -> CampaignPlan | None:
             f"{path} was made by npend_gym {version}, this is {__version__}, whose results may "
             f"differ in their last bits: use that version, or choose another folder"
         )
+    if given is not None and plan != given:
+        raise ValueError(f"{out} holds another plan, with {_difference(given, plan)}")
     vars(plan)["digest"] = digest  # another where a value was written as 10 and is 10.0 now
     return plan
+
+
+def _plan_text(plan: CampaignPlan) -> str:
+    """Return the text of PLAN, refused where `read_plan` would not read it."""
+    state = {"version": __version__, "digest": plan.digest, "plan": plan.as_dict()}
+    state["provenance"] = provenance(plan.as_dict(), plan.seed)
+    text = json.dumps(state, indent=2) + "\n"
+    if len(text) > _files.MAX_TEXT:
+        raise ValueError(
+            f"{PLAN} must have at most {_files.MAX_TEXT} bytes, got {len(text)}: give a plan with "
+            "fewer values"
+        )
+    return text
 
 
 def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> FolderStatus:
@@ -190,7 +205,8 @@ class Campaign:
     Raises
     ------
     ValueError
-        If the folder holds another plan, a damaged one or none, or cannot be written to.
+        If the folder holds another plan, a damaged one or none, or cannot be written to; or if the
+        plan takes more than 10 MB.
     BusyError
         From the context, if another driver is at work on the folder.
 
@@ -204,14 +220,13 @@ class Campaign:
 
     def __init__(self, plan: CampaignPlan | None, out: Path | str) -> None:
         self.out: Path = resolved(out)
-        present = read_plan(self.out)
+        present = read_plan(self.out, plan)
         if plan is None and present is None:
             raise ValueError(f"there is no campaign in {self.out}: give a plan, or another folder")
-        if plan is not None and present is not None and plan != present:
-            raise ValueError(f"{self.out} holds another plan, with {_difference(plan, present)}")
         self.plan: CampaignPlan = present or plan or CampaignPlan()
+        if present is None:
+            _plan_text(self.plan)  # refuses one that is too large, before the folder is made
         self.status: FolderStatus
-        self._new = present is None
         self._lock = filelock.FileLock(self.out / _LOCK, blocking=False)
 
     def __enter__(self) -> Self:
@@ -238,15 +253,13 @@ class Campaign:
         return self
 
     def _prepare(self) -> None:
-        plan, out = self.plan, self.out
-        if self._new:
-            state = {"version": __version__, "digest": plan.digest, "plan": plan.as_dict()}
-            state["provenance"] = provenance(plan.as_dict(), plan.seed)
-            with _files.replacing(out / PLAN) as file:
-                json.dump(state, file, indent=2)
-                file.write("\n")
-        write_cells(plan, out / CELLS)
-        self.status = check_folder(plan, out, clean=True)
+        present = read_plan(self.out, self.plan)  # another driver may have written it by now
+        if present is None:
+            with _files.replacing(self.out / PLAN) as file:
+                file.write(_plan_text(self.plan))
+        self.plan = present or self.plan
+        write_cells(self.plan, self.out / CELLS)
+        self.status = check_folder(self.plan, self.out, clean=True)
 
     def run(
         self, backend: str = "loky", count: int | None = None, address: str | None = None

@@ -116,6 +116,7 @@ class CampaignPlan:
         for name in SWEPT:
             object.__setattr__(self, name, swept_values(name, getattr(self, name)))
         take_count(self, "trials", high=MAX_TRIALS_PER_CELL)
+        take_count(self, "seed", low=0, high=2**63 - 1)
         if self.batch is not None:
             take_count(self, "batch", high=MAX_BATCH)
         _checks.count("the number of cells, the product of all lists,", self.cells, high=MAX_CELLS)

@@ -16,6 +16,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._files import parse_json, read_arrays, replacing
 from npend_gym._provenance import provenance
+from npend_gym.chain import plain_keywords
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
 from npend_gym.rl.controllers.step_model import (
@@ -27,6 +28,7 @@ from npend_gym.rl.controllers.step_model import (
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 MAX_BYTES = 100_000_000  # of a file of plans once unpacked
+_HEADER = 256  # bytes, at most, before the numbers of an array in a file
 _MAX_RODS = 8  # 65 280 pairs
 _LARGEST = 1e5  # rad, rad/s or s
 _DEFECT = 1e-6  # rad and rad/s by which a step of a plan may miss the next state
@@ -107,18 +109,29 @@ class PlannedTransitions:
         self._time, self._goal = time.copy(), goal.copy()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the trajectories, and what made them, to one file, `path` (.npz)."""
-        path, plans = Path(path), list(self.plans.values())
-        pairs = np.array(list(self.plans), np.bool_)
-        with replacing(path, binary=True) as file:
-            np.savez_compressed(
-                file,
-                pairs=pairs,
-                states=np.stack([plan.nominal.states for plan in plans]),
-                actions=np.stack([plan.nominal.actions for plan in plans]),
-                settle=np.array([plan.settle for plan in plans]),
-                about=np.array(json.dumps(provenance(self.arguments), allow_nan=False)),
+        """Write the trajectories, and what made them, to one file, `path` (.npz).
+
+        Raises
+        ------
+        ValueError
+            If they take more than 100 MB before they are compressed, which `load` refuses.
+        """
+        plans, made = list(self.plans.values()), provenance(plain_keywords(self.arguments))
+        arrays: dict[str, Any] = {
+            "pairs": np.array(list(self.plans), np.bool_),
+            "states": np.stack([plan.nominal.states for plan in plans]),
+            "actions": np.stack([plan.nominal.actions for plan in plans]),
+            "settle": np.array([plan.settle for plan in plans]),
+            "about": np.array(json.dumps(made, allow_nan=False)),
+        }
+        size = sum(array.nbytes + _HEADER for array in arrays.values())
+        if size > MAX_BYTES:
+            raise ValueError(
+                f"plans in a file must take at most {MAX_BYTES} bytes, got {size}: save them in "
+                "several files, PlannedTransitions(some of plans).save(path)"
             )
+        with replacing(Path(path), binary=True) as file:
+            np.savez_compressed(file, **arrays)
 
     @classmethod
     def load(cls, path: str | PathLike[str], config: EnvConfig) -> PlannedTransitions:
@@ -192,14 +205,19 @@ def planned_transitions(
     """
     check_config(config)
     n = _checks.count("the number of rods", config.n, high=_MAX_RODS)
-    equilibria = list(itertools.product([False, True], repeat=n))
     plans: dict[Pair, PlannedTransition] = {}
     settings: dict[str, Any] = {"settle": settle, "tries": tries, "guess": guess, "seed": seed}
-    for start, goal in progress(list(itertools.permutations(equilibria, 2))):
+    for start, goal in progress(pairs_of(n)):
         ends = np.pi * np.array(start), np.pi * np.array(goal)
         plans[start, goal] = planned_transition(config, *ends, seconds, **settings)
     arguments = {"chain": config.chain.as_dict(), "max_torque": config.max_torque, "dt": config.dt}
     return PlannedTransitions(plans, arguments | {"seconds": seconds} | settings)
+
+
+def pairs_of(n: int) -> list[Pair]:
+    """Return all pairs of different equilibria of n rods."""
+    equilibria = itertools.product([False, True], repeat=n)
+    return list(itertools.permutations(equilibria, 2))
 
 
 def _pair(start: Iterable[Any], goal: Iterable[Any]) -> Pair:

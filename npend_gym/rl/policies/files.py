@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._files import parse_json, replacing
 
-MAX_BYTES = 10_000_000  # of a file
+MAX_BYTES = 20_000_000  # of a file
 POLICY_FILE = "policy.safetensors"  # of a repository of the Hugging Face Hub
 _SUFFIX = ".safetensors"
 _ABOUT = "npend_gym"  # the entry of the header that has the description
@@ -48,18 +48,29 @@ def pretrained_path(name: str) -> Path:
 
 
 def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, Any]) -> None:
-    """Write arrays, and a description of plain values; the same content gives the same bytes."""
+    """Write arrays, and a description of plain values; the same content gives the same bytes.
+
+    Nothing is written that `read_policy` would refuse.
+    """
     from safetensors.numpy import save  # here, so that importing the package does not take longer
 
     _check_suffix(path)
     try:
         described = about | {CHECKSUM: _checksum(arrays, about)}
-    except TypeError as error:
+        text = json.dumps(described, indent=2, allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as error:
         raise TypeError(f"env and provenance must hold what JSON can: {error}") from error
-    text = json.dumps(described, indent=2, allow_nan=False)
+    try:
+        parse_json(text)
+    except ValueError as error:
+        raise ValueError(f"env and provenance could not be read again: {error}") from error
     # `save` writes the memory of an array as it lies, also that of a transposed one
     rows = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     content = save(rows, {_ABOUT: text})
+    if len(content) > MAX_BYTES:
+        raise ValueError(
+            f"a policy must have at most {MAX_BYTES} bytes, got {len(content)}: use fewer neurons"
+        )
     with replacing(path, binary=True) as file:
         file.write(content)
 

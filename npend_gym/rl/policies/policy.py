@@ -281,9 +281,11 @@ class Policy:
         Raises
         ------
         ValueError
-            If it ends otherwise.
+            If it ends otherwise, `env` or `provenance` is nested deeper than 32, or the file would
+            have more than 20 MB.
         TypeError
-            If `env` or `provenance` has what JSON cannot hold, such as a mode that is an object.
+            If `env` or `provenance` has what JSON cannot hold, such as a mode that is an object or
+            NaN.
         """
         about = {"env": plain_keywords(self.env)} | self.provenance
         if self._functions:

@@ -24,6 +24,7 @@ import numpy as np
 from npend_gym import __version__, _checks
 from npend_gym._files import replacing
 from npend_gym._progress import bar
+from npend_gym.chain import plain_keywords
 
 _SECONDS = 20.0  # between two checkpoints
 _SHARE = 0.05  # of the time, at most, for writing them
@@ -52,6 +53,8 @@ class Checkpoint:
     ----------
     saved : dict or None
         What the file holds of each part of the run; None at the start of a run.
+    is_kept : bool
+        Whether the file holds the progress of this run.
 
     Raises
     ------
@@ -67,12 +70,14 @@ class Checkpoint:
         resume: bool = False,
         seconds: float = _SECONDS,
     ) -> None:
-        # texts, so that a tuple is what it was
-        self._about = {"version": __version__, "settings": repr(asdict(settings))}
+        # plain values print all digits
+        used = repr(plain_keywords(asdict(settings)))
+        self._about = {"version": __version__, "settings": used}
         self._path, self._seconds = path, seconds
         self.saved: dict[str, Any] | None = None
         if resume and path is not None:
             self.saved = self._read(path)
+        self.is_kept: bool = self.saved is not None
 
     def _read(self, path: Path) -> dict[str, Any]:
         import torch
@@ -129,6 +134,7 @@ class Checkpoint:
 
         with replacing(path, binary=True) as file:
             torch.save({"about": self._about, "done": done, "parts": state_of(parts)}, file)
+        self.is_kept = True
 
 
 class Stopwatch:

@@ -11,7 +11,7 @@ import numpy as np
 
 from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, plain_keywords
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import TASKS as REGISTERED
 from npend_gym.rl.evaluation.seeds import training_seed
@@ -46,6 +46,8 @@ def check_settings(settings: TrainingSettings, below_one: Sequence[str] = ()) ->
         if isinstance(default, str):
             if not isinstance(value, str):
                 raise TypeError(f"{name} must be a text, got {_checks.show(value)}")
+        elif isinstance(default, bool):
+            _checks.truth(name, value)
         elif isinstance(default, int):
             _checks.count(name, value, low=min(default, 1))
         elif isinstance(default, float):
@@ -168,9 +170,9 @@ def evaluation_env(env: dict[str, Any]) -> dict[str, Any]:
 
 
 def made_by(algorithm: str, settings: Any, last: dict[str, Any]) -> dict[str, Any]:
-    """Return the provenance of a policy that `algorithm` trained with `settings`."""
+    """Return the provenance of a policy that `algorithm` trained with `settings`, for JSON."""
     about = {"trained_by": algorithm, "clock": "processor time", "training": last}
-    return about | provenance(asdict(settings), settings.seed)
+    return plain_keywords(about | provenance(asdict(settings), settings.seed))
 
 
 def env_around(path: Path, deviations: float = 2.0) -> dict[str, Any]:
