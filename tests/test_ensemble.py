@@ -2,13 +2,20 @@
 
 import pickle
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from npend_gym import Cart, Chain, pseudo_periods, simulate
 from npend_gym.chain import ChainParameters
 from npend_gym.physics import Ensemble
-from npend_gym.physics.substeps import MAX_PHASE, chain_of, default_substeps, substeps_of
+from npend_gym.physics.substeps import (
+    MAX_PHASE,
+    MAX_SUBSTEPS,
+    chain_of,
+    default_substeps,
+    substeps_of,
+)
 
 RNG = np.random.default_rng(5)
 CHAINS = [
@@ -287,6 +294,10 @@ def test_the_substeps_of_many_chains_are_the_most_that_one_of_them_needs(kind, n
     members = range(60)
     for dt in (1e-4, 0.02, 1.0):
         one_by_one = max(default_substeps(chain_of(chains, k), dt) for k in members)
+        if one_by_one > MAX_SUBSTEPS:
+            with pytest.raises(ValueError, match="dt must be so short that 100000 substeps"):
+                substeps_of(chains, dt)
+            continue
         assert substeps_of(chains, dt) == one_by_one
         fewer = ChainParameters(*(row[:1] for row in chains))
         assert substeps_of(fewer, dt) == default_substeps(chain_of(chains, 0), dt)
@@ -310,3 +321,35 @@ def test_default_substeps_resolve_the_motion_of_a_chain_on_a_light_cart():
     motion = simulate(chain, [0.1, -0.2], 0.0, [0.0, 0.1], rtol=1e-11, atol=1e-12)
     np.testing.assert_allclose(ensemble.theta[0], motion.theta[1], atol=1e-6)
     assert ensemble.cart[0][0] == pytest.approx(motion.position[1], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "advance",
+    [
+        lambda: Ensemble(Chain.uniform(1, length=1e-4), 1).advance(0.0, 100.0),
+        lambda: Ensemble(Chain.uniform(1, base=Cart(1e-12)), 1).advance(0.0, 0.5),
+        lambda: gym.make("NPendulum-v0", n=1, lengths=1e-4, dt=100.0),
+        lambda: gym.make_vec("NPendulum-v0", num_envs=2, n=1, damping=1e9),
+    ],
+)
+def test_a_step_that_needs_too_many_substeps_is_refused(advance):
+    with pytest.raises(ValueError, match=r"dt must be so short .* shorten dt, or give substeps"):
+        advance()
+
+
+def test_a_step_as_long_as_its_substeps_allow_keeps_the_energy():
+    ensemble = Ensemble(Chain.uniform(1, length=1e-4), 1)
+    ensemble.set_state(0, 0.5)
+    before = ensemble.energy
+    ensemble.advance(0.0, 1.0)
+    np.testing.assert_allclose(ensemble.energy, before, rtol=1e-4)
+
+
+def test_a_member_on_a_cart_has_the_mass_that_was_given():
+    masses = [0.9, 0.7, 1.1, 0.049, 3.3, 1e-3, 123.456, 5.0]
+    chains = [Chain.uniform(1, base=Cart(mass, 0.1)) for mass in masses]
+    many = Ensemble(chains)
+    assert [many.chain(k) for k in range(len(chains))] == chains
+    for mass in np.random.default_rng(0).uniform(0.1, 10.0, 100):
+        found = Ensemble(Chain.uniform(1, base=Cart(mass)), 1).chain(0).base.mass
+        assert 1.0 / found == 1.0 / mass  # no motion differs

@@ -151,6 +151,10 @@ def test_bad_arguments_are_refused_by_name(change, error, message):
             ValueError, "n must be between 1 and 10000",  # it would not fit into memory
         ),
         (
+            lambda: mass_matrix(Chain.uniform(2), 0.0, stretch=5.0),
+            ValueError, "the chain must have stiffness, got stretch=5.0",
+        ),
+        (
             lambda: linearise(Chain.uniform(2), 0.1, joints=(2,)),
             ValueError, "joint must be between 0 and 1",
         ),

@@ -163,6 +163,7 @@ ON_CART, STIFF = {"base": Cart(1.0)}, {"stiffness": 1e3}
         ({}, {"method": "rk4"}, "dt must be given"),
         ({}, {"dt": 0.0}, "dt must be"),
         ({}, {"method": "rk4", "dt": 0.01, "times": [1e15, 1e15 + 1.0]}, "dt must be at least 0.1"),
+        ({}, {"dt": 1e-20}, r"dt must make at most 1e\+12 steps between two times, got 1e-20"),
         ({}, {"pivot_acceleration": 1.0}, "pivot_acceleration must be two numbers"),
         *(
             ({}, drive, rf"{[*drive][-1]} .* must have base=Cart\(mass\)")

@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import npend_gym
-from npend_gym import Cart, Chain, Event, Signal, simulate
+from npend_gym import Cart, Chain, Event, IntegrationError, Signal, simulate
 from npend_gym.physics import accelerations
+from npend_gym.physics.motion import Motion
 
 pytestmark = pytest.mark.long  # three more kernels are compiled
 
@@ -107,6 +108,29 @@ def test_the_number_of_evaluations_is_near_that_of_scipy():
     assert motion.nfev + motion.refused_steps == peer.nfev
 
 
+def test_steps_after_a_terminal_event_do_not_count():
+    motion = simulate(DOUBLE, 1.0, 0.0, [0.0, 10.0], events=Event("angle", rod=0, terminal=True))
+    peer = solve_ivp(
+        right_side(DOUBLE), (0, 10), [1, 1, 0, 0], method="DOP853", rtol=1e-10, atol=1e-12,
+        events=ending(lambda _, y: y[0]),
+    )  # fmt: skip
+    assert motion.steps == peer.t.size - 1
+    # SciPy evaluates the end of steps that it refuses too, and interpolates one step alone
+    assert 2 + 12 * (motion.steps + motion.refused_steps) + 3 == peer.nfev
+    assert motion.nfev == 2 + 12 * motion.steps + 11 * motion.refused_steps + 3 * motion.steps
+    long = Event("angle", rod=0, terminal=150)  # more than one compiled call
+    for options in ({}, {"torque": Signal([0.0, 1.0, 200.0], [0.1, 0.1])}):
+        motion = simulate(DOUBLE, 1.0, 0.0, [0.0, 200.0], events=long, **options)
+        shorter = simulate(DOUBLE, 1.0, 0.0, [0.0, motion.times[-1]], **options)
+        assert 0 <= motion.steps - shorter.steps + 1 <= 2
+        assert abs(motion.refused_steps - shorter.refused_steps) <= 2
+
+
+def ending(event):
+    event.terminal = True
+    return event
+
+
 def right_side(chain, torque=lambda t, y: np.zeros(2)):
     def slope(t, y):
         return np.r_[y[2:], accelerations(chain, y[:2], y[2:], torque(t, y))]
@@ -146,6 +170,17 @@ def test_dense_output_of_rk4_is_of_order_three_and_meets_its_frames(chain):
         errors.append(np.abs(motion.at(between)[0] - exact).max())
     slope = np.polyfit(np.log([0.02, 0.01, 0.005]), np.log(errors), 1)[0]
     assert 3.5 < slope < 4.5  # a polynomial of order 3 has an error of order 4
+
+
+def test_dense_output_of_many_motions_keeps_their_steps(monkeypatch):
+    chains = [DOUBLE, Chain.uniform(2, length=0.5)]
+    many = simulate(chains, [[1.0, 0.5], [0.2, 0.1]], 0.0, TIMES)
+    theta, _ = many.at(1.234)
+    monkeypatch.setattr(Motion, "steps", None)  # nothing integrates once more
+    np.testing.assert_array_equal(many.at([1.234, 0.0])[0][:, 0], theta)
+    monkeypatch.undo()
+    alone = [simulate(chains[k], many.theta[k, 0], 0.0, TIMES).at(1.234)[0] for k in range(2)]
+    np.testing.assert_array_equal(theta, alone)
 
 
 def test_dense_output_after_a_terminal_event_ends_there():
@@ -476,6 +511,89 @@ def test_a_terminal_event_ends_the_motion_there():
     last = np.searchsorted(TIMES, many.t_events[0][0][0])
     assert np.all(np.isnan(many.theta[0, last:]))
     assert not np.any(np.isnan(many.theta[1]))
+
+
+@ending
+def soon(t, theta, omega):
+    return t - 0.3
+
+
+def fails_later(t, theta, omega):
+    if t > 0.5:
+        raise ValueError("beyond")
+    return 0.0
+
+
+@pytest.mark.parametrize("options", METHODS.values(), ids=METHODS)
+@pytest.mark.parametrize(
+    "broken",
+    [{"torque": fails_later}, {"torque": lambda t: np.sqrt(0.5 - t)}, {"events": [fails_later]}],
+)
+def test_what_fails_after_a_terminal_event_does_no_harm(broken, options):
+    others = broken.get("events", [])
+    torque = {name: each for name, each in broken.items() if name == "torque"}
+    motion = simulate(
+        DOUBLE, 1.0, 0.0, [0.0, 0.2, 1.0], events=[*others, soon], **torque, **options
+    )
+    np.testing.assert_allclose(motion.times, [0.0, 0.2, 0.3], atol=1e-12)
+    until = simulate(DOUBLE, 1.0, 0.0, [0.0, 0.2, 0.3], **torque, **options)
+    np.testing.assert_allclose(motion.theta, until.theta, rtol=0, atol=1e-9)
+
+    @ending
+    def late(t, theta, omega):
+        return t - 0.7
+
+    for end in (late, lambda t, theta, omega: t - 0.3):
+        with pytest.raises(ValueError, match=r" raised |must return finite numbers"):
+            simulate(DOUBLE, 1.0, 0.0, [0.0, 1.0], events=[*others, end], **torque, **options)
+
+
+def test_an_event_may_be_undefined_after_the_end_that_it_sets():
+    root = ending(lambda t, theta, omega: np.sqrt(0.5 - t) - 0.4)
+    with np.errstate(invalid="ignore"):
+        motion = simulate(DOUBLE, 1.0, 0.0, [0.0, 1.0], events=root)
+        assert motion.times[-1] == pytest.approx(0.5 - 0.4**2, abs=1e-12)
+        root.terminal = False
+        with pytest.raises(ValueError, match=r"must return one finite number, got array\(nan\)"):
+            simulate(DOUBLE, 1.0, 0.0, [0.0, 1.0], events=root)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 1e-3}], ids=["dop853", "rk4"])
+def test_a_motion_that_ends_before_a_spring_has_no_length_is_right(options):
+    short = ending(lambda t, theta, omega: theta[1] + 0.9)
+    one = Chain([1.0], [1.0], stiffness=50.0)
+    motion = simulate(one, 0.0, 0.0, [0.0, 1.0], stretch=2.0, events=short, **options)
+    rest = 9.81 / 50.0  # about which it swings as a cosine
+    end = np.arccos((-0.9 - rest) / (2.0 - rest)) / np.sqrt(50.0)
+    assert motion.times[-1] == pytest.approx(end, abs=1e-9)
+    with pytest.raises(IntegrationError, match="no length"):
+        simulate(one, 0.0, 0.0, [0.0, 1.0], stretch=2.0, **options)
+
+
+def test_a_motion_among_many_keeps_the_frame_at_which_it_ends():
+    half = ending(lambda t, theta, omega: t - 0.5)
+    times = np.linspace(0.0, 1.0, 11)
+    alone = simulate(DOUBLE, 1.0, 0.0, times, events=half)
+    np.testing.assert_array_equal(alone.times, times[:6])
+    many = simulate(DOUBLE, [[1.0, 1.0], [1.0, 1.0]], 0.0, times, events=half)
+    np.testing.assert_array_equal(many.times, times[:6])
+    np.testing.assert_allclose(many[1].theta, alone.theta, rtol=0, atol=1e-12)
+
+
+def test_what_follows_from_chains_that_end_apart_is_that_of_each_up_to_its_end():
+    chains = [DOUBLE, Chain.uniform(2, length=0.5)]
+    many = simulate(chains, 1.0, 0.0, TIMES, events=Event("angle", rod=0, terminal=True))
+    names = (
+        "lengths", "positions", "centres", "bodies", "velocities", "kinetic_energy", "energy",
+    )  # fmt: skip
+    for name in names:
+        found = getattr(many, name)()
+        for k, chain in enumerate(chains):
+            whole = getattr(simulate(chain, 1.0, 0.0, TIMES), name)()
+            last = int((many.t_events[0][k][0] > TIMES).sum())
+            np.testing.assert_array_equal(found[k, :last], whole[:last])
+            assert np.isnan(found[k, last:]).all()
+            assert last < TIMES.size
 
 
 @pytest.mark.parametrize("terminal", [None, False, 0, True, 1, 2, np.int64(3), 99])

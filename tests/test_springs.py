@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from npend_gym import Cart, Chain, IntegrationError, pseudo_periods, simulate
+from npend_gym import Cart, Chain, IntegrationError, Signal, pseudo_periods, simulate
 from npend_gym.physics import tensions
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
@@ -276,3 +276,38 @@ def test_springs_of_different_chains_start_with_what_a_function_does_to_each_of_
         np.testing.assert_array_equal(many[k].stretch, alone.stretch)
         pushed = simulate(chain, starts[k], 0.0, times, force=3.0)
         np.testing.assert_array_equal(many[k].stretch[0], pushed.stretch[0])
+
+
+def test_springs_of_many_motions_are_judged_each_by_its_own_chain():
+    soft, stiff = Chain.uniform(1, stiffness=5.0), Chain.uniform(1, stiffness=500.0)
+    one_way = simulate([stiff, soft], [[3.0], [0.1]], 0.0, [0.0, 0.1])
+    other = simulate([soft, stiff], [[0.1], [3.0]], 0.0, [0.0, 0.1])
+    np.testing.assert_array_equal(other.stretch, one_way.stretch[::-1])
+    # held at rest by its tension m g cos(theta)
+    np.testing.assert_allclose(
+        other.stretch[:, 0, 0], 9.81 * np.cos([0.1, 3.0]) / [5.0, 500.0], rtol=1e-9
+    )
+    short, long = Chain(1.0, 1.0, stiffness=500.0), Chain(1.0, 2.0, stiffness=500.0)
+    given = {"stretch": [[0.0], [-1.5]]}
+    shrunk = simulate([short, long], 0.1, 0.0, [0.0, 0.01], **given)
+    alone = simulate(long, 0.1, 0.0, [0.0, 0.01], stretch=-1.5)
+    np.testing.assert_array_equal(shrunk[1].stretch, alone.stretch)
+    with pytest.raises(
+        ValueError, match=r"is \[\[0.0\], \[-1.5\]\] for lengths \[\[2.0\], \[1.0\]\]$"
+    ):
+        simulate([long, short], 0.1, 0.0, [0.0, 0.01], **given)
+    with pytest.raises(ValueError, match="give stretch, or more stiffness"):
+        simulate([stiff, soft], [[0.1], [3.0]], 0.0, [0.0, 0.1])
+
+
+@pytest.mark.parametrize(
+    "carried", [lambda _t: np.array([0.0, -20.0]), Signal([0.0, 1.0], [[0.0, -20.0]])]
+)
+def test_springs_that_a_drive_holds_apart_at_the_start_need_no_stretch(carried):
+    soft = Chain.uniform(1, stiffness=5.0)
+    motion = simulate(soft, 3.0, 0.0, [0.0, 0.1], pivot_acceleration=carried)
+    constant = simulate(soft, 3.0, 0.0, [0.0, 0.1], pivot_acceleration=[0.0, -20.0])
+    np.testing.assert_allclose(motion.stretch, constant.stretch, rtol=0, atol=1e-9)
+    assert motion.stretch[0, 0] == pytest.approx((9.81 - 20.0) * np.cos(3.0) / 5.0)
+    with pytest.raises(ValueError, match="give stretch, or more stiffness"):
+        simulate(soft, 0.1, 0.0, [0.0, 0.1], pivot_acceleration=carried)

@@ -99,8 +99,12 @@ def assembled(
     stretch: ArrayLike | None = None,
     stretch_rate: ArrayLike | None = None,
     pivot_acceleration: ArrayLike | None = None,
+    short: bool = False,
 ) -> States:
-    """Do as `states_of` with angles, velocities and torques (..., n) that have been checked."""
+    """Do as `states_of` with angles, velocities and torques (..., n) that have been checked.
+
+    Springs without length are no error where `short` is true.
+    """
     accelerated = None
     if pivot_acceleration is not None:
         accelerated = _pair("pivot_acceleration", pivot_acceleration)
@@ -127,6 +131,8 @@ def assembled(
             rigid = mechanism._replace(springs=None)
             first, second = (np.concatenate(half, axis=-1) for half in (q, u))
             axial = slow_start(chain, States(rigid, first, second, loads))
+        if not short:
+            check_lengths(chain.lengths, axial[0], chosen=stretch is None)
         q, u = [*q, axial[0]], [*u, axial[1]]
     return States(mechanism, np.concatenate(q, axis=-1), np.concatenate(u, axis=-1), loads)
 
@@ -283,9 +289,7 @@ def slow_start(chain: Chain, rigid: States) -> tuple[FloatArray, FloatArray]:
 
     stiffness = np.asarray(chain.stiffness)
     rate = (tensions_after(h) - tensions_after(-h)) / (2.0 * h) / stiffness
-    stretch = (_tensions(chain, rigid) - chain.axial_damping * rate) / stiffness
-    check_lengths(chain, stretch, "; give stretch, or more stiffness")
-    return stretch, rate
+    return (_tensions(chain, rigid) - chain.axial_damping * rate) / stiffness, rate
 
 
 def _solve(states: States) -> tuple[FloatArray, FloatArray]:

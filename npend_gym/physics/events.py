@@ -105,7 +105,8 @@ EventFunction = Callable[[float, FloatArray, FloatArray], float]
 class Watched(NamedTuple):
     """An event as it is looked for."""
 
-    function: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]  # of many states at once
+    # Of instants and states, many at once; writes into a fourth array, which it returns
+    function: Callable[..., FloatArray]
     direction: int
     end_at: int  # its occurrence that ends the motion, counted from 1; 0 is none
 
@@ -115,6 +116,14 @@ class Occurrence(NamedTuple):
 
     time: float  # s
     state: FloatArray  # (m,)
+
+
+class Looked(NamedTuple):
+    """What an event showed in some steps."""
+
+    found: list[Occurrence]
+    last: float  # its value at the end
+    failure: tuple[float, ValueError] | None  # the instant at which it raised, and what
 
 
 class Watch:
@@ -133,15 +142,22 @@ class Watch:
         self.end: Occurrence | None = None
 
     def look(self, steps: TakenSteps) -> bool:
-        """Keep the events in some steps; return whether one of them ends the motion."""
+        """Keep the events in some steps; return whether one of them ends the motion.
+
+        An event that raises after the end of the motion is no error.
+        """
         for part in steps.parts(max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])):
             each_event = zip(self._events, self._last, strict=True)
             looked = [_occurrences(event, last, part) for event, last in each_event]
-            new, self._last = [found for found, _ in looked], [last for _, last in looked]
+            new, self._last = [each.found for each in looked], [each.last for each in looked]
             each_event = zip(self._events, self._found, new, strict=True)
             ends = [found[event.end_at - len(kept) - 1] for event, kept, found in each_event
                     if 0 < event.end_at <= len(kept) + len(found)]  # fmt: skip
             self.end = end = min(ends, key=lambda each: each.time, default=None)
+            failures = [each.failure for each in looked if each.failure is not None]
+            failure = min(failures, key=lambda each: each[0], default=None)
+            if failure is not None and (end is None or failure[0] < end.time):
+                raise failure[1]
             for kept, found in zip(self._found, new, strict=True):
                 kept += [each for each in found if end is None or each.time <= end.time]
             if end is not None:
@@ -206,8 +222,9 @@ def _end_at(terminal: Any) -> int:
 
 
 def _of_event(event: Event, chain: Chain) -> Callable[..., FloatArray]:
-    def values(_: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
-        return event.of(chain, q, u)
+    def values(_: FloatArray, q: FloatArray, u: FloatArray, out: FloatArray) -> FloatArray:
+        out[...] = event.of(chain, q, u)
+        return out
 
     return values
 
@@ -216,8 +233,7 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
     """Return a function of one state as one of many."""
     name = getattr(event, "__name__", "an event")
 
-    def values(t: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
-        found = np.empty(t.shape)
+    def values(t: FloatArray, q: FloatArray, u: FloatArray, out: FloatArray) -> FloatArray:
         for at in np.ndindex(t.shape):
             value = called(name, event, float(t[at]), q[at], u[at])
             if value.shape != () or not np.isfinite(value):
@@ -225,13 +241,13 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
                     f"{name}(t, theta, omega) must return one finite number, got "
                     f"{_checks.show(value)} at t = {t[at]:g} s"
                 )
-            found[at] = value
-        return found
+            out[at] = value
+        return out
 
     return values
 
 
-def _occurrences(event: Watched, last: float, steps: TakenSteps) -> tuple[list[Occurrence], float]:
+def _occurrences(event: Watched, last: float, steps: TakenSteps) -> Looked:
     """Return the zeros within steps that are looked at together, and the value at their end.
 
     The sign is looked at in a few places of each step. Where two steps meet, their values differ by
@@ -245,7 +261,11 @@ def _occurrences(event: Watched, last: float, steps: TakenSteps) -> tuple[list[O
     states = steps.states_at(index, np.broadcast_to(x, index.shape))
     length = steps.end - steps.begin
     times = steps.begin[:, None] + length[:, None] * x
-    values = event.function(times, states[..., :half], states[..., half:])
+    values, failure = np.full(times.shape, np.nan), None
+    try:
+        event.function(times, states[..., :half], states[..., half:], values)
+    except ValueError as error:
+        failure = float(times.flat[np.isnan(values).argmax()]), error
     values[1:, 0] = values[:-1, -1]
     values[0, 0] = values[0, 0] if math.isnan(last) else last
     before, after = values[:, :-1], values[:, 1:]
@@ -258,7 +278,7 @@ def _occurrences(event: Watched, last: float, steps: TakenSteps) -> tuple[list[O
         def value(fraction: float, step: Any = step) -> float:
             state = steps.states_at(step, np.array(fraction))
             at = steps.begin[step] + fraction * length[step]
-            return float(event.function(at, state[:half], state[half:]))
+            return float(event.function(at, state[:half], state[half:], np.empty(())))
 
         tolerance = max(_RESOLUTION / float(length[k]), 4.0 * np.finfo(float).eps)
         low, high = float(x[part]), float(x[part + 1])
@@ -269,4 +289,4 @@ def _occurrences(event: Watched, last: float, steps: TakenSteps) -> tuple[list[O
             root = float(brentq(value, low, high, xtol=tolerance))
         instant = float(steps.begin[k] + root * length[k])
         found.append(Occurrence(instant, steps.states_at(step, np.array(root))))
-    return found, float(values[-1, -1])
+    return Looked(found, float(values[-1, -1]), failure)

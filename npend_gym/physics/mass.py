@@ -11,6 +11,7 @@ from npend_gym.chain import MAX_DENSE, Chain, check_chain
 from npend_gym.chain.inertia import link_inertia, rotor_inertia
 from npend_gym.physics.arguments import check_states
 from npend_gym.physics.equations import states_of
+from npend_gym.physics.mechanism import check_axial_start
 
 
 def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = None) -> FloatArray:
@@ -52,6 +53,7 @@ def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = N
     m, first = chain.coordinates, n + (chain.base is not None)
     if chain.stiffness is None:
         (angles,) = check_states(n, theta=theta)
+        check_axial_start(chain, stretch, None, angles.shape)
         whole, extent = np.zeros((*angles.shape[:-1], m, m)), chain.lift
         own = link_inertia(chain) * np.cos(differences(angles))
         whole[..., :n, :n] = own + rotor_inertia(chain)

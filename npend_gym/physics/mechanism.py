@@ -196,19 +196,18 @@ def check_axial_start(
             raise ValueError("stretch must be given with stretch_rate")
         return None
     rate = 0.0 if stretch_rate is None else stretch_rate
-    start = (
+    return (
         _checks.broadcast("stretch", stretch, shape),
         _checks.broadcast("stretch_rate", rate, shape),
     )
-    check_lengths(chain, start[0], "")
-    return start
 
 
-def check_lengths(chain: Chain, stretch: FloatArray, way_out: str) -> None:
-    """Refuse springs that have no length left at the start."""
-    if np.any(stretch <= -chain.lengths):
+def check_lengths(lengths: FloatArray, stretch: FloatArray, *, chosen: bool) -> None:
+    """Refuse springs that have no length left at the start, which may be a `chosen` one."""
+    if np.any(stretch <= -lengths):
         raise ValueError(
             "stretch must leave every rod a length greater than zero at the start, but is "
-            f"{_checks.show(stretch.tolist())} for lengths {_checks.show(chain.lengths.tolist())}"
-            + way_out
+            f"{_checks.show(stretch.tolist())} for lengths {_checks.show(lengths.tolist())}"
+            + "; give stretch, or more stiffness"
+            * chosen
         )

@@ -8,7 +8,7 @@ from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.memory import Memory
-from npend_gym.physics.substeps import substeps_of, substeps_on_cart
+from npend_gym.physics.substeps import check_default, substeps_of, substeps_on_cart
 
 
 class Members:
@@ -107,5 +107,5 @@ class Members:
             if base is not None:
                 mass, damping = base[Base.INVERSE_MASS], base[Base.DAMPING]
                 needed = substeps_on_cart(needed, chains, dt, mass, damping)
-            self._substeps = {dt: needed}
+            self._substeps = {dt: check_default(needed, dt)}
         return self._substeps[dt]

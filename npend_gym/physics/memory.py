@@ -19,7 +19,7 @@ from npend_gym.physics.kernels.advance import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
 from npend_gym.physics.kernels.link_terms import Base, Joint, Link, check_terms, model_terms
 from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure, write_chains
-from npend_gym.physics.substeps import chain_of
+from npend_gym.physics.substeps import chain_of, check_default
 
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _ALIASED = 256  # numbers, of 2 kB
@@ -215,7 +215,7 @@ class Memory:
         if bases is None:
             return chain
         inverse_mass, damping = bases[[Base.INVERSE_MASS, Base.DAMPING], member]
-        cart = Cart(float(1.0 / inverse_mass), float(damping))
+        cart = Cart(_inverse(float(inverse_mass)), float(damping))
         return Chain.from_dict(chain.as_dict() | {"base": cart})
 
     def write_chain(self, members: Indices, chains: ChainParameters) -> None:
@@ -244,6 +244,7 @@ class Memory:
 
     def plan(self, dt: float, substeps: int, max_rotation: float) -> Plan:
         """Return how steps of this kind are divided into compiled calls, for `run`."""
+        check_default(substeps, dt)
         most = self.n * self.width * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
         piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
         share = self.groups
@@ -308,3 +309,11 @@ class Memory:
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_helpers": None}  # threads start again where they are needed
+
+
+def _inverse(x: float) -> float:
+    """Return the number of fewest digits whose inverse is `x`, as 0.9 for 1 / 0.9."""
+    nearest = 1.0 / x
+    near = nearest, math.nextafter(nearest, 0.0), math.nextafter(nearest, math.inf)
+    same = [each for each in near if 1.0 / each == x]
+    return min(same, key=lambda each: len(repr(each)), default=nearest)

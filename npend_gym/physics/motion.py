@@ -13,11 +13,13 @@ from npend_gym._checks import FloatArray
 from npend_gym._threads import Call
 from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.packs import WIDTH
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.drives import Drives
 from npend_gym.physics.equations import States
 from npend_gym.physics.integration import (
     RODS_PER_CALL,
     RODS_PER_PACK_CALL,
+    IntegrationError,
     check_angles,
     check_going,
     count_steps,
@@ -49,6 +51,7 @@ class TakenSteps(NamedTuple):
     end: FloatArray  # (S,)
     states: FloatArray  # at the beginning of each, (S, 2m)
     polynomials: FloatArray  # (S, powers, 2m)
+    refused: FloatArray  # steps refused in the compiled call so far, (S, 1)
 
     def states_at(self, step: NDArray[np.int64], fraction: FloatArray) -> FloatArray:
         """Return the states at fractions of steps, shape (..., 2m); the bits of `interpolate`."""
@@ -62,7 +65,21 @@ class TakenSteps(NamedTuple):
     def parts(self, size: int) -> Iterator[TakenSteps]:
         """Yield these steps in pieces."""
         for first in range(0, len(self.begin), size):
-            yield TakenSteps(*(each[first : first + size] for each in self))
+            yield self._some(first, first + size)
+
+    def sound(self, n: int) -> TakenSteps:
+        """Return the steps of `n` rods up to the first that has diverged."""
+        finite = np.isfinite(self.polynomials).all(axis=(1, 2))
+        sound = finite & (np.abs(self.states[:, :n]) <= MAX_ANGLE).all(axis=1)
+        return self._some(0, int(np.append(sound, False).argmin()))
+
+    def counts(self, end: float) -> FloatArray:
+        """Return the `Segment.counts` of the steps that begin before the instant `end` [s]."""
+        taken = int(np.searchsorted(self.begin, end))
+        return np.array([taken, self.refused[:taken].max(initial=0.0), taken])
+
+    def _some(self, first: int, last: int) -> TakenSteps:
+        return TakenSteps(*(each[first:last] for each in self))
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the states at instants within the steps, shape (..., 2m)."""
@@ -78,7 +95,8 @@ class _Run(NamedTuple):
     status: FloatArray  # see `drive_many`
 
 
-Advance = Callable[[int, FloatArray], tuple[int, FloatArray, FloatArray]]
+Advance = Callable[[int, FloatArray], tuple[int, FloatArray, FloatArray, Exception | None]]
+_FAILURES = ValueError, IntegrationError  # that end a motion, not the program
 
 
 class Segment(NamedTuple):
@@ -133,6 +151,8 @@ class Motion:
     ) -> Iterator[Segment]:
         """Integrate from ``times[0]`` to ``times[-1]``.
 
+        Where the integration fails, the steps before come first, then the exception.
+
         Parameters
         ----------
         times : ndarray, shape (T,)
@@ -145,7 +165,7 @@ class Motion:
         state, width, size = self.state, self.width, 2 * self.mechanism.size
         count = self.steps_of_call
         count = min(count, most or (_STEPS_KEPT if kept else count))
-        columns = 2 + (1 + (_POWERS[self.method] if dense else 0)) * size
+        columns = 2 + size + (_POWERS[self.method] * size + 1 if dense else 0)
         begin = self._adaptive if self.method == "dop853" else self._fixed
         for piece, torque in self.drives.pieces(float(times[0]), float(times[-1])):
             first, last = np.searchsorted(times, piece, side="right")
@@ -157,27 +177,36 @@ class Motion:
             advance = begin(state, ends, frames, torque)
             while done < ends.size:
                 visited = np.zeros((width, count if kept else 0, columns if kept else 0))
-                before, (done, counts, state) = done, advance(count, visited)
+                before, (done, counts, state, failure) = done, advance(count, visited)
                 span = slice(int(first) + before - 1, int(first) + min(done, last - first + 1) - 1)
                 states = frames[:, before : before + span.stop - span.start]
                 steps = _steps_of(visited[0], size) if kept else None
+                if failure is not None and steps is not None:
+                    steps = steps.sound(self.mechanism.n)
                 yield Segment(span, states, steps, counts, state, torque)
+                if failure is not None:
+                    raise failure
 
     def _adaptive(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
     ) -> Advance:
         """Return what takes a number of steps of DOP853 at most, up to the last of `ends`.
 
-        It returns how many of the frames are written, what was counted, and the state reached.
+        It returns how many of the frames are written, what was counted, the state reached, and
+        the exception that ended the steps, if one did.
         """
         run = self._begin(float(ends[0]), state, torque)
         solver, progress = run.lanes[0], np.array([[1], [0]]).repeat(self.width, axis=1)
 
-        def advance(count: int, visited: FloatArray) -> tuple[int, FloatArray, FloatArray]:
-            counted = solver.counts.copy()
-            progress[1] = 0
-            self._take(run, Frames(ends, progress, frames, visited), float(ends[-1]), count)
-            return int(progress[0].min()), solver.counts - counted, solver.y.copy()
+        def advance(
+            count: int, visited: FloatArray
+        ) -> tuple[int, FloatArray, FloatArray, Exception | None]:
+            solver.counts[:], progress[1], failure = 0.0, 0, None
+            try:
+                self._take(run, Frames(ends, progress, frames, visited), float(ends[-1]), count)
+            except _FAILURES as error:
+                failure = error
+            return int(progress[0].min()), solver.counts.copy(), solver.y.copy(), failure
 
         return advance
 
@@ -214,17 +243,25 @@ class Motion:
         rods = torque, self.arrays, new_rk4_scratch(self.mechanism.size, width)
         kernel = rk4_frames if width == 1 else rk4_frames_of_packs
 
-        def advance(count: int, visited: FloatArray) -> tuple[int, FloatArray, FloatArray]:
-            progress[2] = count
-            with self.drives.interruptible():
-                sound = kernel(y, ends, steps, progress, rods, frames, visited)
-            done, half = int(progress[0]), y.size // 2
-            self.drives.check(y[:half], y[half:], float(ends[done - 1]), stuck=not sound)
-            check_angles(y[: n * width], float(ends[done - 1]))
+        def check(done: int, *, sound: bool) -> None:
+            half, t = y.size // 2, float(ends[done - 1])
+            self.drives.check(y[:half], y[half:], t, stuck=not sound)
+            check_angles(y[: n * width], t)
             if not sound:
                 springs = self.mechanism.springs is not None
                 raise diverged(ends[done - 1 : done + 1], dt, springs=springs)
-            return done, np.zeros(3 * width), y.copy()
+
+        def advance(
+            count: int, visited: FloatArray
+        ) -> tuple[int, FloatArray, FloatArray, Exception | None]:
+            progress[2], failure = count, None
+            with self.drives.interruptible():
+                sound = kernel(y, ends, steps, progress, rods, frames, visited)
+            try:
+                check(int(progress[0]), sound=sound)
+            except _FAILURES as error:
+                failure = error
+            return int(progress[0]), np.zeros(3 * width), y.copy(), failure
 
         return advance
 
@@ -245,8 +282,9 @@ class Motion:
 def _steps_of(visited: FloatArray, size: int) -> TakenSteps:
     visited = visited[visited[:, 1] > visited[:, 0]]
     states, rest = visited[:, 2 : 2 + size], visited[:, 2 + size :]
-    polynomials = rest.reshape(len(rest), rest.shape[1] // size, size)
-    return TakenSteps(visited[:, 0], visited[:, 1], states, polynomials)
+    powers = rest.shape[1] // size
+    polynomials = rest[:, : powers * size].reshape(len(rest), powers, size)
+    return TakenSteps(visited[:, 0], visited[:, 1], states, polynomials, rest[:, powers * size :])
 
 
 def packs_of(count: int) -> list[slice]:

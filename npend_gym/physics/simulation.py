@@ -15,7 +15,7 @@ from npend_gym._threads import Call, check_threads, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.events import Event, EventFunction, Watch, watched
-from npend_gym.physics.integration import check_times
+from npend_gym.physics.integration import check_times, count_steps
 from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism, first_of
 from npend_gym.physics.motion import packs_of
 from npend_gym.physics.signals import TimeVarying
@@ -141,6 +141,8 @@ def simulate(
     angles, speeds = _checks.array("theta", theta), _checks.array("omega", omega)
     one = single and max(angles.ndim, speeds.ndim) < 2
     instants = check_times(times, first_of(chains).n)
+    if dt is not None:
+        count_steps(instants, settings["dt"])
     drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
     places = {"position": position, "velocity": velocity}
     axial = {"stretch": stretch, "stretch_rate": stretch_rate}
@@ -180,10 +182,13 @@ def _follow(
         motion, most = started.motion(members, packed=packed), members.stop - members.start
         for segment in motion.segments(times, kept=bool(watches)):
             frames[members, segment.frames] = segment.states[:most]
-            counts[:, members] += segment.counts.reshape(3, -1)[:, :most]
-            if segment.steps is not None and watches[members.start].look(segment.steps):
-                return
-            if call.stopped:
+            counted, ended = segment.counts, False
+            if segment.steps is not None:
+                watch = watches[int(members.start)]
+                ended = watch.look(segment.steps)
+                counted = segment.steps.counts(watch.end.time) if watch.end else counted
+            counts[:, members] += counted.reshape(3, -1)[:, :most]
+            if ended or call.stopped:
                 return
 
     each = [slice(k, k + 1) for k in range(count)]
@@ -196,7 +201,10 @@ def _until_ends(
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and states up to the terminal events; of many motions NaN follows their own."""
     ends = [watch.end for watch in watches]
-    lasts = [times.size if end is None else int(np.searchsorted(times, end.time)) for end in ends]
+    side = "left" if one else "right"  # one motion gets the instant of its end beside the others
+    lasts = [
+        times.size if end is None else int(np.searchsorted(times, end.time, side)) for end in ends
+    ]
     if one and ends and ends[0] is not None:
         time, state = ends[0]
         before = frames[:, : lasts[0]]

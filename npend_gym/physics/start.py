@@ -13,7 +13,7 @@ from npend_gym.compiled.callbacks import Callback
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.equations import States, assembled, slow_start
 from npend_gym.physics.functions import NAMES
-from npend_gym.physics.mechanism import mechanism_of
+from npend_gym.physics.mechanism import check_lengths, mechanism_of
 from npend_gym.physics.motion import Motion, pack_of
 from npend_gym.physics.recipe import AT_REST, Function, Recipe, drives_of, motion_of
 from npend_gym.physics.signals import Signal, varies
@@ -71,7 +71,7 @@ class Start:
         torque = check_torque(constant.pop("torque"), first.n)
         theta, omega, torque = self._rows(theta, omega, torque)
         check_limits(theta, omega)
-        states = assembled(first, theta, omega, torque, **constant, **state)
+        states = assembled(first, theta, omega, torque, short=True, **constant, **state)
         accelerated, mechanism = constant["pivot_acceleration"], states.mechanism
         if accelerated is not None:
             accelerated = np.array(accelerated, float)
@@ -92,6 +92,10 @@ class Start:
             for k in range(self.count):
                 axial = self._axial_start(k)
                 self.states.q[k, -first.n :], self.states.u[k, -first.n :] = axial
+        if first.stiffness is not None:
+            lengths = first.lengths if len(chains) == 1 else mechanism.parameters.lengths
+            stretch = self.states.q[:, -first.n :].reshape(theta.shape)
+            check_lengths(lengths, stretch, chosen=chosen)
 
     def _axial_start(self, k: int) -> tuple[FloatArray, FloatArray]:
         """Return the start of springs that carry what acts on motion `k` at the beginning."""

@@ -33,9 +33,20 @@ def default_substeps(chain: Chain, dt: float) -> int:
     """Return the number of Runge-Kutta steps that resolve `dt` seconds of a chain's motion.
 
     In each the fastest normal mode turns by at most 1/16 rad, and what damping and drag brake
-    decays by at most that much; dry friction, at its steepest, by at most 1.
+    decays by at most that much; dry friction, at its steepest, by at most 1. There may be more than
+    MAX_SUBSTEPS, which `check_default` refuses.
     """
-    return max(1, min(MAX_SUBSTEPS, math.ceil(dt * _fastest_rate(chain) / MAX_PHASE)))
+    return max(1, math.ceil(dt * _fastest_rate(chain) / MAX_PHASE))
+
+
+def check_default(substeps: int, dt: float) -> int:
+    """Return a default number of substeps, refused where one step would take too many."""
+    if substeps > MAX_SUBSTEPS:
+        raise ValueError(
+            f"dt must be so short that {MAX_SUBSTEPS} substeps resolve the fastest motion of each "
+            f"chain, got {dt:g} s, which takes {substeps:.3g} or more: shorten dt, or give substeps"
+        )
+    return substeps
 
 
 def substeps_on_cart(
@@ -52,7 +63,7 @@ def substeps_on_cart(
     brakes = np.any(chains.damping) or np.any(chains.friction) or chains.has_drag
     of_chain = substeps * (lighter if brakes else np.sqrt(lighter))
     of_rail = dt / MAX_PHASE * lighter * np.asarray(inverse_mass) * damping
-    return min(MAX_SUBSTEPS, math.ceil(np.maximum(of_chain, of_rail).max()))
+    return math.ceil(np.maximum(of_chain, of_rail).max())
 
 
 def substeps_of(chains: ChainParameters, dt: float) -> int:
@@ -60,16 +71,22 @@ def substeps_of(chains: ChainParameters, dt: float) -> int:
 
     Only chains that may need more than all before are computed one by one: few, because one
     compiled call finds them and those with fast single pendulums come first.
+
+    Raises
+    ------
+    ValueError
+        If it is more than MAX_SUBSTEPS.
     """
     swings = _gravity(chains)[:, None] * chains.carried_masses / (chains.masses * chains.lengths)
     most, left = 0, np.argsort(-swings.max(axis=1), kind="stable")
     while left.size > 0 and most < MAX_SUBSTEPS:
         needed = default_substeps(chain_of(chains, int(left[0])), dt)
         if needed <= most:  # what is left differs from the limit by no more than rounding
-            return _largest(_taken(chains, left), dt, most)
+            most = _largest(_taken(chains, left), dt, most)
+            break
         most, left = needed, left[1:]
         left = left[_may_exceed(_taken(chains, left), most * MAX_PHASE / dt)]
-    return most
+    return check_default(most, dt)
 
 
 def _largest(chains: ChainParameters, dt: float, least: int) -> int:

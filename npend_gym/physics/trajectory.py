@@ -25,13 +25,17 @@ IntArray = NDArray[np.int64]
 
 
 def _each_chain(method: Callable[[Trajectory], FloatArray]) -> Callable[[Trajectory], FloatArray]:
-    """Let a method do for motions of chains that differ: one by one."""
+    """Let a method do for motions of chains that differ: one by one, NaN after their ends."""
 
     @wraps(method)
     def of_each(self: Trajectory) -> FloatArray:
-        if self.chains:
-            return np.array([method(self[k]) for k in range(len(self))])
-        return method(self)
+        if not self.chains:
+            return method(self)
+        each = [method(self[k]) for k in range(len(self))]
+        found = np.full((len(each), self.times.size, *each[0].shape[1:]), np.nan)
+        for own, rows in zip(each, found, strict=True):
+            rows[: len(own)] = own
+        return found
 
     return of_each
 

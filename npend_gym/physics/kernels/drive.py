@@ -51,8 +51,9 @@ class Frames(NamedTuple):
     times: FloatArray  # (T,)
     progress: NDArray[np.int64]  # frames that are written, rows of `visited` that are: (2, lanes)
     frames: FloatArray  # (lanes, T, 2m)
-    # Begin and end of each step and the state at its beginning, then its polynomial if there is
-    # room: (lanes, steps, 2 + 2m or 2 + 16m); or nothing where steps are not kept
+    # Begin and end of each step and the state at its beginning, then, if there is room, its
+    # polynomial and the count of refused steps: (lanes, steps, 2 + 2m or 3 + 16m); or nothing where
+    # steps are not kept
     visited: FloatArray
 
 
@@ -89,6 +90,7 @@ def _observe_frames(
             if keeps:
                 for p in range(POWERS):
                     copy(own.poly[p], row[2 + (p + 1) * size :])
+                row[2 + (POWERS + 1) * size] = own.counts[1]
         while done < times.size and times[done] <= end:
             if times[done] == end:
                 copy(own.y, observer.frames[k, done])

@@ -197,10 +197,10 @@ def rk4_frames(
     the number of frames that are written, the steps taken since the last of them, and the steps
     that this call may take: it stops there, and another call continues from the state `y`. Begin
     and end of each step, and the state at its beginning, are written into a row of `visited`
-    (lanes, steps, 2 + 2m), unless that is empty; in a longer row, (lanes, steps, 2 + 8m), the
-    polynomial of the step follows. `rods` are what drives them, their parameters and a work space.
-    Return False where a state diverged, in the interval before the frame that was to be written
-    next.
+    (lanes, steps, 2 + 2m), unless that is empty; in a longer row, (lanes, steps, 3 + 8m), the
+    polynomial of the step follows, and one entry that is left as it is. `rods` are what drives
+    them, their parameters and a work space. Return False where a state diverged, in the interval
+    before the frame that was to be written next.
     """
     return _frames(
         bare, 1, y, times, steps, progress, rods, bare(frames), bare(visited)
