@@ -302,7 +302,7 @@ def test_randomized_chains_can_be_a_criterion_and_one_may_depend_on_the_environm
     ("name", "least"),  # what docs/results.md says, but for some outcomes near the edge
     [
         ("swingup-1-robust", 0.99), ("swingup-2-robust", 0.98), ("swingup-3-robust", 0.88),
-        ("swingup-4-robust", 0.66), ("swingup-5-robust", 0.35), ("swingup-2-pendubot-robust", 0.97),
+        ("swingup-4-robust", 0.70), ("swingup-5-robust", 0.35), ("swingup-2-pendubot-robust", 0.97),
         ("swingup-2-acrobot-robust", 0.94), ("calm-2-robust", 0.99),
     ],
 )  # fmt: skip

@@ -14,6 +14,7 @@ from npend_gym.rl import (
     planned_transition,
     planned_transitions,
 )
+from npend_gym.rl.controllers import transitions
 from npend_gym.rl.controllers.regulators import state_weights
 from npend_gym.rl.controllers.step_model import StepModel
 
@@ -156,6 +157,39 @@ def test_pairs_of_which_a_student_failed_are_played_more_often(both):
     dagger.lanes.close()
 
 
+def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merged():
+    torch = pytest.importorskip("torch")
+    from npend_gym.rl.training.goal_networks import GoalNetworks
+    from npend_gym.rl.training.tasks import network
+
+    torch.manual_seed(0)
+    networks = [network(12, 2, 16, last_gain=1.0) for _ in range(8)]
+    for parameter in (each for one in networks for each in one.parameters()):
+        parameter.data += 0.3 * torch.randn_like(parameter)
+    together = GoalNetworks(networks)
+    inputs = 3.0 * torch.randn(400, 12)
+    inputs[:, -3:] = inputs[:, -3:].sign()
+    stands = [tuple((row < 0.0).tolist()) for row in inputs[:, -3:]]
+    of_goal = {goal: together.networks[sum(2**i for i in range(3) if goal[i])] for goal in stands}
+    expected = torch.stack([of_goal[goal](row) for goal, row in zip(stands, inputs, strict=True)])
+    assert len(of_goal) == 8
+    torch.testing.assert_close(together(inputs), expected)
+    torch.testing.assert_close(together.merged()(inputs), expected, atol=1e-4, rtol=0.0)
+
+
+def test_a_network_for_each_goal_is_trained_and_becomes_one_policy():
+    imitation = pytest.importorskip("npend_gym.rl.training.imitation")
+    small = {"seconds": 3.0, "guesses": 1, "num_envs": 128, "hidden": 24, "rounds": 8}
+    settings = imitation.settings_of("transition-1", by_goal=True, **small)
+    policy, _ = imitation.train(settings)
+    assert [weight.shape for weight in policy.weights] == [(50, 4), (50, 50), (1, 50)]
+    assert evaluate(policy, policy.env, episodes=40).success_rate > 0.8
+    with pytest.raises(ValueError, match="by_goal must be False in a mode without goals"):
+        imitation.train(imitation.settings_of("swingup-1", by_goal=True))
+    with pytest.raises(TypeError, match="by_goal must be True or False, got 'yes'"):
+        imitation.train(imitation.settings_of("transition-1", by_goal="yes"))
+
+
 def test_rods_may_have_turned_before_an_episode_begins(both):
     theta, omega = np.array([[0.01], [np.pi + 0.01]]), np.zeros((2, 1))
     info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.array([[np.pi], [0.0]])}
@@ -178,6 +212,24 @@ def test_plans_that_were_saved_give_the_same_actions(both, tmp_path):
     info |= {"goal": np.full((6, 1), np.pi), "time": np.linspace(0.0, 4.0, 6)}
     both.reset()
     np.testing.assert_array_equal(again(None, info), both(None, info))
+
+
+def test_plans_made_with_a_seed_of_numpy_are_saved(both, tmp_path):
+    made = PlannedTransitions(both.plans, both.arguments | {"seed": np.int64(0)})
+    made.save(tmp_path / "plans.npz")
+    again = PlannedTransitions.load(tmp_path / "plans.npz", config_of(**ONE_ROD))
+    assert again.arguments == both.arguments
+
+
+def test_plans_that_are_too_large_to_be_read_again_are_not_written(both, tmp_path, monkeypatch):
+    both.save(tmp_path / "plans.npz")
+    with np.load(tmp_path / "plans.npz") as file:
+        size = sum(file[name].nbytes for name in file)
+    (tmp_path / "plans.npz").unlink()
+    monkeypatch.setattr(transitions, "MAX_BYTES", size)
+    with pytest.raises(ValueError, match=f"must take at most {size} bytes, got .* several files"):
+        both.save(tmp_path / "plans.npz")
+    assert not list(tmp_path.iterdir())
 
 
 def test_files_that_hold_no_plans_for_the_environment_are_refused(both, tmp_path):

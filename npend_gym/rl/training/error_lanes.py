@@ -90,7 +90,9 @@ class ErrorLanes:
         counts = counts[counts > 0]
         self.group: NDArray[np.int64] = np.repeat(np.arange(counts.size), counts)  # of each lane
         self.which: NDArray[np.int64] = np.zeros(size, np.int64)  # of the chains given to `reset`
-        self._parts = [np.flatnonzero(self.group == k) for k in range(counts.size)]
+        self.parts: list[NDArray[np.int64]] = [
+            np.flatnonzero(self.group == k) for k in range(counts.size)
+        ]
         fixed = [name in (NOTHING, CHAIN) for name in self.names]
         self.levels: FloatArray = np.where(fixed, 1.0, first_level)  # what errors are multiplied by
         self._highest = np.where(fixed, 1.0, 1.0 + margin)
@@ -101,11 +103,11 @@ class ErrorLanes:
     @property
     def rank(self) -> FloatArray:
         """The place of each lane in its group, (B,), from 0 to below 1."""
-        return np.concatenate([np.arange(part.size) / part.size for part in self._parts])
+        return np.concatenate([np.arange(part.size) / part.size for part in self.parts])
 
     def _make(self, k: int) -> Any:
         """Return the environments of a group with the errors of its level."""
-        count, name, level = len(self._parts[k]), self.names[k], self.levels[k]
+        count, name, level = len(self.parts[k]), self.names[k], self.levels[k]
         if name == PUSHES:
             return DisturbedEnvs(self._setting, count, self._pulses(k, 0))
         errors = CRITERIA if name == SEVERAL else [name]
@@ -125,7 +127,7 @@ class ErrorLanes:
     def _pulses(self, k: int, seed: int) -> Pulses:
         """Return pulses of torque for the lanes of a group."""
         joints = Pushes().pushed(self.config)
-        pulses = Pulses(self.config, joints, self._steps, len(self._parts[k]), seed)
+        pulses = Pulses(self.config, joints, self._steps, len(self.parts[k]), seed)
         pulses.torques *= self.levels[k]
         return pulses
 
@@ -142,7 +144,7 @@ class ErrorLanes:
         `starts` has options of all lanes.
         """
         self.which[:], given = 0, list[dict[str, Any]]()
-        for k, (part, name) in enumerate(zip(self._parts, self.names, strict=True)):
+        for k, (part, name) in enumerate(zip(self.parts, self.names, strict=True)):
             options: dict[str, Any] = {key: value[part] for key, value in (starts or {}).items()}
             if name == PUSHES:
                 self.lanes.envs[k].disturbance = self._pulses(k, seed + int(part[0]))

@@ -2,7 +2,7 @@
 
 A student's actions are never quite the expert's. How far this leads astray differs much from plan
 to plan, so that some cannot be learned. Variants of a plan can be tried, to keep those along which
-noisy actions and slightly wrong chains lead less far away.
+noisy actions, slightly wrong chains and lags of motors lead less far away.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from npend_gym.rl.controllers.planning import (
     PlannedTransition,
     Tracking,
     planned_swing_up,
+    planned_transition,
     replanned,
     track,
 )
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, beyond, state_of, wrapped
 from npend_gym.rl.controllers.transcription import NominalTrajectory
-from npend_gym.rl.controllers.transitions import Pair, planned_transitions
+from npend_gym.rl.controllers.transitions import Pair, pairs_of
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import keywords_of, setting_of
 from npend_gym.rl.policies.observations import observation_of
@@ -42,11 +43,12 @@ from npend_gym.rl.training.chain_plans import (
     slightly_wrong,
     wrong_chains,
 )
-from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL
+from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, SEVERAL, ErrorLanes
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
 # standard deviation of the noise in each lane, over `noise_std`
 _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64) / 0.1
+_LAGGING = 32.0  # lanes in which the motor has a lag
 _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
 _GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
@@ -146,9 +148,8 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
     if guess > 0 and (settings.demonstrator or not swings_up):
         return None  # it would be the same expert
     if config.mode.has_goals:
-        options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
-        of_pairs = planned_transitions(config, settings.seconds, **options).plans
-        return PlanTracker(config, list(of_pairs.values()), pairs=list(of_pairs))
+        found = {pair: _transition(settings, config, pair) for pair in pairs_of(config.n)}
+        return PlanTracker(config, list(found.values()), pairs=list(found))
     wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
     chains = wrong_chains(config.chain, settings.seed, settings.chain_factors) if wrong else []
     if not swings_up:
@@ -165,6 +166,22 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
     return plans
 
 
+def _transition(settings: Any, config: EnvConfig, pair: Pair) -> PlannedTransition:
+    """Return the plan between a pair of equilibria from which errors lead least far astray."""
+    (start, goal), found = np.pi * np.array(pair), list[PlannedTransition]()
+    for guess in range(settings.guesses):
+        seed = guess + settings.guesses * settings.seed
+        options: dict[str, Any] = {"tries": 1, "seed": seed}
+        try:
+            found.append(planned_transition(config, start, goal, settings.seconds, **options))
+        except RuntimeError:  # this guess leads to no trajectory
+            continue
+    if not found:
+        raise RuntimeError(f"no guess led from {pair[0]} to {pair[1]}: give it more guesses")
+    errors = settings.noise_std, settings.error_weight
+    return min(found, key=lambda plan: astray(config, plan, *errors))
+
+
 def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition:
     """Return the plan for the nominal chain."""
     seed = settings.plan_seed
@@ -174,7 +191,7 @@ def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition
     else:
         options: dict[str, Any] = {"tries": settings.tries, "guess": "mpc", "seed": seed}
         plan = planned_swing_up(config, settings.seconds, **options)
-    errors = settings.noise_std, settings.chain_weight
+    errors = settings.noise_std, settings.error_weight
     return steadied(config, plan, settings.variants, seed, *errors)
 
 
@@ -225,38 +242,48 @@ def _smooth_change(rng: np.random.Generator, steps: int) -> FloatArray:
 
 
 def astray(
-    config: EnvConfig, plan: PlannedTransition, noise_std: float, chain_weight: float = 0.0
+    config: EnvConfig, plan: PlannedTransition, noise_std: float, error_weight: float = 0.0
 ) -> float:
     """Return how far errors lead from a plan that is tracked: a mean logarithm.
 
     It is that of the largest cost of the deviation in a lane, over the mean at the start. The
-    actions of some lanes have noise. Others have a slightly wrong chain, which the feedback does
-    not know; `chain_weight` is the weight of their mean.
+    actions of some lanes have noise. Of others the chain is slightly wrong, which the feedback does
+    not know, or the motor has a lag, which the expert knows; `error_weight` is the weight of the
+    mean of each of these.
     """
-    plans, rng = ChainPlans(config, plan), np.random.default_rng(0)
-    nominal = parameters(config.chain)
-    wrong = slightly_wrong(config.chain) if chain_weight > 0.0 else []
-    chains = [nominal] * _NOISE.size + [nominal | dict(changes) for changes in wrong]
-    options = {name: np.array([each[name] for each in chains]) for name in nominal}
-    size, std = len(chains), np.zeros((len(chains), 1))
-    std[: _NOISE.size, 0] = noise_std * _NOISE
-    envs = setting_of(keywords_of(config)).make(size, max_episode_steps=None)
-    _, info = envs.reset(seed=0, options=options if wrong else None)
+    plans, rng, noisy = ChainPlans(config, plan), np.random.default_rng(0), _NOISE.size
+    nominal, counts = parameters(config.chain), {NOTHING: float(noisy)}
+    chains = [nominal, *(nominal | dict(changes) for changes in slightly_wrong(config.chain))]
+    if error_weight > 0.0:
+        counts |= {CHAIN: 2.0 * len(chains), "motor_lag": _LAGGING}
+    size = round(sum(counts.values()))
+    lanes = ErrorLanes(setting_of(keywords_of(config)), size, counts, plans.steps)
+    _, info = lanes.reset(0, chains, np.random.default_rng(1), _ends(config, plan, size))
     plans.begin(np.zeros(size, np.int64))
+    std = np.zeros((size, 1))
+    std[:noisy, 0] = noise_std * _NOISE
     worst, lost_at = np.zeros(size), np.full(size, plans.steps)
     for k in range(plans.steps + _AFTER):
-        tracking = plans.tracking(info)
+        tracking = lanes.against_lag(plans.tracking(info))
         known = worst < _LOST
         worst[known] = np.maximum(worst, tracking.relative_cost)[known]
         lost_at[known] = min(k, plans.steps)
         noise = std * rng.normal(size=tracking.actions.shape)
         actions = (tracking.actions + noise).clip(-1.0, 1.0)
-        *_, info = envs.step(np.where(known[:, None], actions, 0.0))
-    envs.close()
+        *_, info = lanes.step(np.where(known[:, None], actions, 0.0))
+    lanes.close()
     lost = worst >= _LOST  # the later, the better
     worst[lost] = _LOST * np.exp(1.0 - 0.5 * lost_at[lost] / plans.steps)
-    of_noise, of_chains = np.split(np.log(worst), [_NOISE.size])
-    return float(of_noise.mean() + (chain_weight * of_chains.mean() if wrong else 0.0))
+    of_noise, *of_errors = (np.log(worst[part]).mean() for part in lanes.parts)
+    return float(of_noise + error_weight * sum(of_errors))
+
+
+def _ends(config: EnvConfig, plan: PlannedTransition, size: int) -> dict[str, FloatArray] | None:
+    """Return the options of `reset` by which lanes begin where a plan does, in modes with goals."""
+    if not config.mode.has_goals:
+        return None
+    ends = np.pi * np.remainder(np.rint(plan.nominal.states[[0, -1], : config.n] / np.pi), 2.0)
+    return {"start": np.tile(ends[0], (size, 1)), "goal": np.tile(ends[1], (size, 1))}
 
 
 def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransition:

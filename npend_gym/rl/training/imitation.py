@@ -42,6 +42,7 @@ from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import ErrorLanes
 from npend_gym.rl.training.experts import Expert, expert_of
+from npend_gym.rl.training.goal_networks import GoalNetworks
 from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
 from npend_gym.rl.training.optimizers import Optimizer
@@ -86,9 +87,11 @@ class DAgger:
         self.to_inputs: torch.Tensor = differences(settings.length, obs_scale, change_scale, joints)
         self.history: History = History(settings.length, config.observed, joints)
         inputs = self.to_inputs.shape[1]
-        self.learner: nn.Sequential = network(inputs, joints, settings.hidden, last_gain=0.1)
+        count = 2**config.n if settings.by_goal else 1
+        networks = [network(inputs, joints, settings.hidden, last_gain=0.1) for _ in range(count)]
+        self.learner: nn.Module = GoalNetworks(networks) if settings.by_goal else networks[0]
         # it acts, with averages of the learner's parameters
-        self.student: nn.Sequential = copy.deepcopy(self.learner)
+        self.student: nn.Module = copy.deepcopy(self.learner)
         self.dataset: Dataset = Dataset(settings.max_states, inputs, joints)
         self.optimizer: Optimizer = Optimizer(
             self.learner, settings.learning_rate, settings.muon_learning_rate
@@ -211,7 +214,10 @@ class DAgger:
 
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the student as a policy, with memory where it is given several observations."""
-        mean = copy.deepcopy(self.student)
+        student = copy.deepcopy(self.student)
+        mean = cast(
+            "nn.Sequential", student.merged() if isinstance(student, GoalNetworks) else student
+        )
         first = cast("nn.Linear", mean[0])  # takes observations, not the inputs made of them
         first.weight = nn.Parameter(first.weight.detach() @ self.to_inputs.T)
         frames = torch.ones(self.history.frames.shape[1:])
@@ -270,6 +276,8 @@ def train(
             f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '
             f'got "{settings.rescuer}"'
         )
+    if settings.by_goal and not (config.mode.has_goals and settings.length == 1):
+        raise ValueError("by_goal must be False in a mode without goals, and with a memory")
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     checkpoint = checkpoint or Checkpoint(settings)

@@ -18,7 +18,7 @@ class Settings(TrainingSettings):
     plan_seed: int | None = None  # of the first guess; by default another for each `seed`
     tries: int = 1  # for each of them; the least sensitive trajectory counts
     variants: int = 0  # of a plan that are tried, to keep what errors lead less astray from
-    chain_weight: float = 0.0  # of slightly wrong chains beside noise, where these are compared
+    error_weight: float = 0.0  # of slightly wrong chains and of lags, beside noise, in comparisons
     demonstrator: str = ""  # a policy, of the package or a file, whose way is the plan
     rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
@@ -43,7 +43,8 @@ class Settings(TrainingSettings):
     muon_learning_rate: float = 0.0  # of Muon for the matrices; 0: Adam learns them too
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
-    hidden: int = 192
+    hidden: int = 192  # units in each of two layers
+    by_goal: bool = False  # a network for each goal, side by side
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
 
@@ -66,12 +67,14 @@ _THREE: dict[str, Any] = {
     "errors": {NOTHING: 0.05, CHAIN: 0.42, "torque_noise": 0.08, "motor_lag": 0.02, "delay": 0.26,
                PUSHES: 0.14, SEVERAL: 0.03},
 }  # fmt: skip
-_FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
-    "demonstrator": "swingup-4", "variants": 300, "first_level": 0.2, "standing": 220, "length": 10,
-    "errors": {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
-               PUSHES: 0.18},
-}  # fmt: skip
 _STEADY: dict[str, Any] = _LONG | {"plan_seed": 0, "tries": 4, "muon_learning_rate": 0.015}
+_FOUR: dict[str, Any] = _STEADY | {
+    "seconds": 5.0, "plan_seed": 1, "variants": 1200, "error_weight": 1.0, "chain_factors": 8,
+    "first_level": 0.2, "standing": 220, "length": 10, "rounds": 230, "hidden": 320,
+    "minibatch_size": 768, "max_states": 1_500_000,
+    "errors": {NOTHING: 0.05, CHAIN: 0.43, "torque_noise": 0.16, "motor_lag": 0.1, "delay": 0.2,
+               PUSHES: 0.06},
+}  # fmt: skip
 _FIVE: dict[str, Any] = _STEADY | {
     "variants": 300, "first_level": 0.1, "standing": 220, "length": 10, "rounds": 240,
     "hidden": 288,

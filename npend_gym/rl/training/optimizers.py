@@ -13,11 +13,11 @@ class Optimizer:
 
     Muon makes the singular values of a change of a matrix alike, so that weak directions are
     learned as fast as strong ones (K. Jordan and others, "Muon: An optimizer for hidden layers in
-    neural networks", 2024). The last matrix, whose rows are the outputs, is left to Adam.
+    neural networks", 2024). A matrix whose rows are the outputs is left to Adam.
 
     Parameters
     ----------
-    network : nn.Sequential
+    network : nn.Module
     learning_rate, muon_learning_rate : float
         Of both; where the latter is 0, Adam learns the matrices too.
     betas : pair of float
@@ -28,7 +28,7 @@ class Optimizer:
 
     def __init__(
         self,
-        network: nn.Sequential,
+        network: nn.Module,
         learning_rate: float,
         muon_learning_rate: float = 0.0,
         betas: tuple[float, float] = (0.9, 0.999),
@@ -36,8 +36,10 @@ class Optimizer:
         others = [*network.parameters()]
         matrices: list[nn.Parameter] = []
         if muon_learning_rate > 0.0:
-            *matrices, last = (each for each in others if each.ndim == 2)
-            others = [last, *(each for each in others if each.ndim == 1)]
+            outputs = len(others[-1])
+            matrices = [each for each in others if each.ndim == 2 and len(each) != outputs]
+            last = [each for each in others if each.ndim == 2 and len(each) == outputs]
+            others = [*last, *(each for each in others if each.ndim == 1)]
         self.network = network
         self.rates: dict[str, float] = {"adam": learning_rate, "muon": muon_learning_rate}
         self.parts: dict[str, torch.optim.Optimizer] = {
