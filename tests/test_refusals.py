@@ -125,7 +125,7 @@ REFUSED = [
             ("kept=2", "kept must be at most 1, got 2"),
             ("obs_scale=1", "obs_scale must be 3 numbers, got 1"),
             ("obs_scale=[0,1,1]", "obs_scale must be greater than zero"),
-            ("demonstrator=5", "demonstrator must be a text, got 5"),
+            ("rescuer=5", "rescuer must be a text, got 5"),
             ("errors=5", "errors must be a dict, got 5"),
         )
     ),

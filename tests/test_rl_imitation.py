@@ -6,16 +6,15 @@ import pytest
 
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
-from npend_gym.rl import Policy, evaluate
+from npend_gym.rl import evaluate
 from npend_gym.rl.controllers.planning import Tracking, planned_swing_up
-from npend_gym.rl.controllers.step_model import state_of
 from npend_gym.rl.evaluation.settings import setting_of
 
 pytestmark = pytest.mark.long  # plans take seconds
 
 torch = pytest.importorskip("torch")
 
-from npend_gym.rl.training import imitation  # noqa: E402
+from npend_gym.rl.training import experts, imitation  # noqa: E402
 from npend_gym.rl.training.chain_plans import ChainPlans, wrong_chains  # noqa: E402
 from npend_gym.rl.training.error_lanes import ErrorLanes  # noqa: E402
 from npend_gym.rl.training.experts import (  # noqa: E402
@@ -23,7 +22,6 @@ from npend_gym.rl.training.experts import (  # noqa: E402
     Rescued,
     _swing_up,
     astray,
-    plan_of,
     steadied,
 )
 from npend_gym.rl.training.imitation_settings import ERRORS  # noqa: E402
@@ -299,23 +297,6 @@ def test_motors_with_a_lag_are_given_actions_whose_mean_is_that_of_the_expert():
     lanes.close()
 
 
-@pytest.mark.parametrize(("name", "seconds"), [("swingup-3", 7.0), ("swingup-2-cart", 9.0)])
-def test_the_way_of_a_policy_is_a_plan(name, seconds):
-    policy = Policy.pretrained(name)
-    config = policy.config
-    plan = plan_of(policy, config, seconds)
-    env = gym.make("NPendulum-v0", **policy.env)
-    at_rest = dict.fromkeys(("theta", "omega"), [0.0] * config.n)
-    at_rest |= dict.fromkeys(("cart_position", "cart_velocity"), 0.0) if config.has_cart else {}
-    observation, info = env.reset(options=at_rest)
-    for state in plan.nominal.states[:-1]:
-        np.testing.assert_allclose(state_of(config, info), state, atol=1e-4)
-        observation, *_, info = env.step(policy(observation))
-    env.close()
-    with pytest.raises(ValueError, match="must stand after 2 s"):
-        plan_of(policy, config, 2.0)
-
-
 def test_of_several_tries_the_least_sensitive_trajectory_is_the_plan():
     found = []
     for tries in (1, 3):
@@ -354,6 +335,29 @@ def test_of_the_variants_of_a_plan_one_is_kept_that_leads_wrong_chains_less_astr
             *_, info = envs.step(tracking.actions)
         far.append(np.log(cost).mean())
     assert far[1] < far[0] - 0.1
+
+
+def test_lags_of_motors_count_where_variants_of_a_plan_are_compared(monkeypatch):
+    config = EnvConfig(n=2, mode="swingup")
+    plan = planned_swing_up(config, 3.0, tries=1, seed=1)
+    whole = astray(config, plan, 0.0, 1.0)
+    monkeypatch.setattr(experts, "_LAGGING", 0.0)
+    without = astray(config, plan, 0.0, 1.0)
+    envs = setting_of(TWO).make(32, randomize={"motor_lag": {"low": 0.0, "high": 0.02}})
+    _, info = envs.reset(seed=256 + 2 * 25)  # after lanes with noise, and two for each chain
+    names = envs.unwrapped.config.context_names
+    rate = config.dt / info["context"][:, [names.index("motor_lag")]]
+    share = -np.expm1(-rate) / rate
+    plans, cost, followed = ChainPlans(config, plan), np.zeros(32), np.zeros((32, 1))
+    plans.begin(np.zeros(32, np.int64))
+    for _ in range(plans.steps + 10):
+        tracking = plans.tracking(info)
+        cost = np.maximum(cost, tracking.relative_cost)
+        asked = ((tracking.actions - share * followed) / (1.0 - share)).clip(-1.0, 1.0)
+        followed = asked + np.exp(-rate) * (followed - asked)
+        *_, info = envs.step(asked)
+    assert cost.max() < 300.0
+    assert whole - without == pytest.approx(np.log(cost).mean(), abs=1e-9)
 
 
 def test_what_is_wrong_follows_from_the_task():

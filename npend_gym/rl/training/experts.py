@@ -1,4 +1,4 @@
-"""Who teaches: plans that are found, or the way of a policy; feedback where none is needed.
+"""Who teaches: plans that are found, and feedback where none is needed.
 
 A student's actions are never quite the expert's. How far this leads astray differs much from plan
 to plan, so that some cannot be learned. Variants of a plan can be tried, to keep those along which
@@ -27,7 +27,7 @@ from npend_gym.rl.controllers.planning import (
     replanned,
     track,
 )
-from npend_gym.rl.controllers.step_model import StepModel, at_rest, beyond, state_of, wrapped
+from npend_gym.rl.controllers.step_model import at_rest, state_of
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 from npend_gym.rl.controllers.transitions import Pair, pairs_of
 from npend_gym.rl.evaluation.seeds import episode_seeds
@@ -145,7 +145,7 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
     looks like leaving. `settings` are those of `imitation`; guesses are counted from 0.
     """
     swings_up = isinstance(config.mode, SwingUp)
-    if guess > 0 and (settings.demonstrator or not swings_up):
+    if guess > 0 and not swings_up:
         return None  # it would be the same expert
     if config.mode.has_goals:
         found = {pair: _transition(settings, config, pair) for pair in pairs_of(config.n)}
@@ -186,11 +186,8 @@ def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition
     """Return the plan for the nominal chain."""
     seed = settings.plan_seed
     seed = guess + (settings.guesses * settings.seed if seed is None else seed)
-    if settings.demonstrator:
-        plan = plan_of(find_policy(settings.demonstrator), config, settings.seconds)
-    else:
-        options: dict[str, Any] = {"tries": settings.tries, "guess": "mpc", "seed": seed}
-        plan = planned_swing_up(config, settings.seconds, **options)
+    options: dict[str, Any] = {"tries": settings.tries, "guess": "mpc", "seed": seed}
+    plan = planned_swing_up(config, settings.seconds, **options)
     errors = settings.noise_std, settings.error_weight
     return steadied(config, plan, settings.variants, seed, *errors)
 
@@ -284,25 +281,3 @@ def _ends(config: EnvConfig, plan: PlannedTransition, size: int) -> dict[str, Fl
         return None
     ends = np.pi * np.remainder(np.rint(plan.nominal.states[[0, -1], : config.n] / np.pi), 2.0)
     return {"start": np.tile(ends[0], (size, 1)), "goal": np.tile(ends[1], (size, 1))}
-
-
-def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransition:
-    """Return the swing-up of a policy without memory, from hanging nearly at rest, as a plan.
-
-    That a network can follow it is then known already.
-    """
-    n, step = config.n, StepModel(config)
-    motion, actions = [np.full((1, config.state_size), _START)], list[FloatArray]()
-    for _ in range(round(seconds / config.dt)):
-        q, u = np.split(motion[-1], 2, axis=1)
-        state: dict[str, Any] = {"theta": q[:, :n], "omega": u[:, :n]}
-        if config.has_cart:
-            state |= {"cart_position": q[:, n], "cart_velocity": u[:, n]}
-        actions.append(policy(observation_of(policy.config, **state)).astype(np.float64))
-        motion.append(step(motion[-1], actions[-1]))
-    nominal = NominalTrajectory(np.concatenate(motion), np.concatenate(actions))
-    if np.abs(wrapped(config, nominal.states[-1] - at_rest(config, np.pi))).max() > _STANDS:
-        raise ValueError(f"the expert's chain must stand after {seconds:g} s: give it more seconds")
-    if beyond(config, nominal.states, 1.0).any():
-        raise ValueError("the expert's cart must stay on the rail: give another demonstrator")
-    return track(config, nominal, 0.0)

@@ -19,8 +19,7 @@ class Settings(TrainingSettings):
     tries: int = 1  # for each of them; the least sensitive trajectory counts
     variants: int = 0  # of a plan that are tried, to keep what errors lead less astray from
     error_weight: float = 0.0  # of slightly wrong chains and of lags, beside noise, in comparisons
-    demonstrator: str = ""  # a policy, of the package or a file, whose way is the plan
-    rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
+    rescuer: str = ""  # acts where an expert has lost the chain: a policy or its file, or "mpc"
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     chain_factors: int = 4  # below 1 and above, of each parameter of a rod that may be wrong
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
@@ -121,14 +120,14 @@ TASKS: dict[str, dict[str, Any]] = {
     "transition-3": {
         "seconds": 5.0,
         "guesses": 8,
-        "rounds": 150,
-        "num_envs": 1024,
-        "first_updates": 1500,
-        "kept": 0.15,
-        "max_states": 2_000_000,
+        "rounds": 80,
+        "num_envs": 4096,
+        "updates": 600,
+        "minibatch_size": 8192,
+        "max_states": 6_000_000,
         "muon_learning_rate": 0.015,
         "averaging": 0.998,
-        "hidden": 320,
+        "by_goal": True,
     },
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
