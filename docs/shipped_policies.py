@@ -27,6 +27,7 @@ TASKS = (
     (SWING_UP, "from hanging to standing, with a motor at the pivot", "swingup-1"),
     *((f"`n={n}`", "", f"swingup-{n}") for n in range(2, 7)),
     (TRANSITION, "from any of 4 equilibria to any other", "transition-2"),
+    ("`n=3`", "from any of 8", "transition-3"),
     ("`npend/Balance-v1`, `n=3`", "stay upright", "balance-3"),
     ("`npend/Calm-v1`, `n=20`", "bring a released chain to rest", "calm-20"),
     ("`npend/CartTriplePole-v1`", "keep three poles upright on a cart", "balance-3-cart"),
