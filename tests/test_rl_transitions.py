@@ -1,6 +1,7 @@
 """Planned transitions between equilibria: one pair, and a controller for all of them."""
 
 import json
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -186,6 +187,9 @@ def test_a_network_for_each_goal_is_trained_and_becomes_one_policy():
     assert evaluate(policy, policy.env, episodes=40).success_rate > 0.8
     with pytest.raises(ValueError, match="by_goal must be False in a mode without goals"):
         imitation.train(imitation.settings_of("swingup-1", by_goal=True))
+    seen = {"observe_context": True, "randomize": {"lengths": [0.9, 1.1]}}
+    with pytest.raises(ValueError, match=r"by_goal must be False .* observe_context=True"):
+        imitation.train(replace(settings, env=settings.env | seen))
     with pytest.raises(TypeError, match="by_goal must be True or False, got 'yes'"):
         imitation.train(imitation.settings_of("transition-1", by_goal="yes"))
 

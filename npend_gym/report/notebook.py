@@ -67,7 +67,7 @@ def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
     instants = min(most, max(2, math.ceil(end / _INTERVAL) + 1))
     times = np.linspace(0.0, end, instants)
     at = shown.positions()[:, bobs]
-    size = max(shown.chain.total_length, float(np.hypot(*at.T).max()))
+    size = player.extent(shown.chain, at)
     at = recording.on_rail(at)
     places = np.stack(
         [

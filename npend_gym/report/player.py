@@ -18,6 +18,7 @@ from npend_gym import _files
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, RAMP, SKY
 from npend_gym._version import __version__
+from npend_gym.chain import Chain
 
 SUFFIXES = (".html",)  # of a page
 _SHARED = "common.js", "stage.js"
@@ -39,6 +40,11 @@ MODELS = {
     "T1": {"color": "green", "style": ""},
     "T(N,a)": {"color": "pink", "style": ""},
 }
+
+
+def extent(chain: Chain, positions: FloatArray) -> float:
+    """Return how far from its pivot a chain reaches [m]; on springs, at places (T, n, 2)."""
+    return max(chain.total_length, float(np.hypot(*positions.T).max()))
 
 
 def moving(

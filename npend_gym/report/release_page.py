@@ -82,8 +82,7 @@ def _models(experiment: ReleaseExperiment, n: int, start: float) -> dict[str, fl
 def _recorded(experiment: ReleaseExperiment, recording: Recording) -> dict[str, Any]:
     motion, n = recording.motion, recording.motion.chain.n
     start = float(motion.theta[0, 0])
-    farthest = float(np.hypot(*motion.positions().T).max())  # a spring reaches beyond its length
-    size = max(motion.chain.total_length, farthest)
+    size = player.extent(motion.chain, motion.positions())
     cart = None if motion.chain.base is None else recording.cart() / size
     return {
         "label": f"{n}, from {math.degrees(start):.4g} degrees",

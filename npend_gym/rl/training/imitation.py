@@ -214,10 +214,9 @@ class DAgger:
 
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the student as a policy, with memory where it is given several observations."""
-        student = copy.deepcopy(self.student)
-        mean = cast(
-            "nn.Sequential", student.merged() if isinstance(student, GoalNetworks) else student
-        )
+        student = self.student
+        merged = student.merged() if isinstance(student, GoalNetworks) else copy.deepcopy(student)
+        mean = cast("nn.Sequential", merged)
         first = cast("nn.Linear", mean[0])  # takes observations, not the inputs made of them
         first.weight = nn.Parameter(first.weight.detach() @ self.to_inputs.T)
         frames = torch.ones(self.history.frames.shape[1:])
@@ -276,8 +275,13 @@ def train(
             f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '
             f'got "{settings.rescuer}"'
         )
-    if settings.by_goal and not (config.mode.has_goals and settings.length == 1):
-        raise ValueError("by_goal must be False in a mode without goals, and with a memory")
+    goals_end_inputs = config.mode.has_goals and not config.observe_context
+    if settings.by_goal and not (goals_end_inputs and settings.length == 1):
+        raise ValueError(
+            "by_goal must be False in a mode without goals, with memory or observe_context; "
+            f"got mode {config.mode.name!r}, length={settings.length} and "
+            f"observe_context={config.observe_context}"
+        )
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     checkpoint = checkpoint or Checkpoint(settings)

@@ -18,7 +18,7 @@ class Settings(TrainingSettings):
     plan_seed: int | None = None  # of the first guess; by default another for each `seed`
     tries: int = 1  # for each of them; the least sensitive trajectory counts
     variants: int = 0  # of a plan that are tried, to keep what errors lead less astray from
-    error_weight: float = 0.0  # of slightly wrong chains and of lags, beside noise, in comparisons
+    error_weight: float = 0.0  # of slightly wrong chains, and of lags, where plans are compared
     rescuer: str = ""  # acts where an expert has lost the chain: a policy or its file, or "mpc"
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     chain_factors: int = 4  # below 1 and above, of each parameter of a rod that may be wrong
@@ -43,7 +43,7 @@ class Settings(TrainingSettings):
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
     hidden: int = 192  # units in each of two layers
-    by_goal: bool = False  # a network for each goal, side by side
+    by_goal: bool = False  # whether each goal has a network of its own
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
 

@@ -38,8 +38,7 @@ class Optimizer:
         if muon_learning_rate > 0.0:
             outputs = len(others[-1])
             matrices = [each for each in others if each.ndim == 2 and len(each) != outputs]
-            last = [each for each in others if each.ndim == 2 and len(each) == outputs]
-            others = [*last, *(each for each in others if each.ndim == 1)]
+            others = [each for each in others if each.ndim == 1 or len(each) == outputs]
         self.network = network
         self.rates: dict[str, float] = {"adam": learning_rate, "muon": muon_learning_rate}
         self.parts: dict[str, torch.optim.Optimizer] = {
