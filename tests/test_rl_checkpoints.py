@@ -29,6 +29,10 @@ RUNS = {
         imitation,
         imitation.settings_of("swingup-1-robust", seconds=3.0, num_envs=32, **SHORT | MUON),
     ),
+    "imitation by SPRING": (
+        imitation,
+        imitation.Settings(ONE, seconds=3.0, num_envs=8, **SHORT, spring_learning_rate=0.3),
+    ),
     "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, **FEW)),
     "shac with chains that differ": (
         shac,

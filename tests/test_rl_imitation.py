@@ -25,6 +25,8 @@ from npend_gym.rl.training.experts import (  # noqa: E402
     steadied,
 )
 from npend_gym.rl.training.imitation_settings import ERRORS  # noqa: E402
+from npend_gym.rl.training.optimizers import Spring  # noqa: E402
+from npend_gym.rl.training.tasks import network  # noqa: E402
 
 TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
 CHAINS = [
@@ -103,6 +105,53 @@ def test_muon_changes_most_directions_of_a_matrix_alike_and_adam_the_rest():
         values = torch.linalg.svdvals(change)
         assert values.median() > 0.5 * values.max()
     assert not any(change.any() for change in others)  # Adam's, whose rate is 0
+
+
+def test_spring_makes_the_smallest_change_from_the_last_that_takes_all_errors_away():
+    torch.manual_seed(0)
+    net, start = network(3, 2, 5, last_gain=1.0), network(3, 2, 5, last_gain=1.0)
+    start.load_state_dict(net.state_dict())
+    spring, last = Spring(net, learning_rate=0.5), torch.zeros(count_of(net), dtype=torch.float64)
+    for _ in range(3):
+        inputs, weights = torch.randn(4, 3), 0.5 + torch.rand(4, 2)
+        targets = start(inputs).detach() + 0.05 * torch.rand(4, 2)
+        before = torch.nn.utils.parameters_to_vector(net.parameters()).detach().double()
+        root = (weights.sqrt() / weights.sqrt().mean()).flatten().double()
+        jacobian = root[:, None] * jacobian_of(net, inputs)
+        outputs = net(inputs).detach()
+        errors = root * (targets - outputs).flatten()
+        assert errors.abs().max() < 0.1  # larger ones are limited
+        kernel = jacobian @ jacobian.T
+        kernel += 1e-4 * kernel.diagonal().mean() * torch.eye(8)
+        left = torch.linalg.solve(kernel, errors - 0.97 * jacobian @ last)
+        last = 0.97 * last + jacobian.T @ left
+        assert torch.equal(spring.step(inputs, targets, weights, share=0.4), outputs)
+        after = torch.nn.utils.parameters_to_vector(net.parameters()).detach().double()
+        assert torch.allclose(after - before, 0.2 * last, atol=3e-4 * float(last.abs().max()))
+        start.load_state_dict(net.state_dict())
+
+
+def count_of(net):
+    return sum(each.numel() for each in net.parameters())
+
+
+def jacobian_of(net, inputs):
+    """Return the derivatives of all outputs by all parameters, from automatic differentiation."""
+    rows, parameters = list[torch.Tensor](), [*net.parameters()]
+    for value in net(inputs).flatten():
+        gradients = torch.autograd.grad(value, parameters, retain_graph=True)
+        rows.append(torch.cat([each.flatten() for each in gradients]))
+    return torch.stack(rows).double()
+
+
+def test_spring_learns_what_an_expert_does_to_less_than_half_the_distance_of_adam():
+    distances = {}
+    for rate in (0.0, 0.5):
+        dagger = dagger_of(spring_learning_rate=rate, hidden=32, minibatch_size=256, rounds=2)
+        dagger.play(0)
+        dagger.learn(1200)
+        distances[rate] = dagger.distance
+    assert distances[0.5] < 0.5 * distances[0.0]
 
 
 @pytest.mark.parametrize("length", [1, 4])

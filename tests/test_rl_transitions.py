@@ -190,6 +190,8 @@ def test_a_network_for_each_goal_is_trained_and_becomes_one_policy():
     seen = {"observe_context": True, "randomize": {"lengths": [0.9, 1.1]}}
     with pytest.raises(ValueError, match=r"by_goal must be False .* observe_context=True"):
         imitation.train(replace(settings, env=settings.env | seen))
+    with pytest.raises(ValueError, match=r"spring_learning_rate must be 0 with by_goal, got 0\.5"):
+        imitation.train(replace(settings, spring_learning_rate=0.5))
     with pytest.raises(TypeError, match="by_goal must be True or False, got 'yes'"):
         imitation.train(imitation.settings_of("transition-1", by_goal="yes"))
 

@@ -45,7 +45,7 @@ from npend_gym.rl.training.experts import Expert, expert_of
 from npend_gym.rl.training.goal_networks import GoalNetworks
 from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
-from npend_gym.rl.training.optimizers import Optimizer
+from npend_gym.rl.training.optimizers import Optimizer, Spring
 from npend_gym.rl.training.tasks import (
     Curve,
     check_settings,
@@ -93,9 +93,12 @@ class DAgger:
         # it acts, with averages of the learner's parameters
         self.student: nn.Module = copy.deepcopy(self.learner)
         self.dataset: Dataset = Dataset(settings.max_states, inputs, joints)
-        self.optimizer: Optimizer = Optimizer(
-            self.learner, settings.learning_rate, settings.muon_learning_rate
-        )
+        self.optimizer: Optimizer | Spring
+        if settings.spring_learning_rate > 0.0:
+            self.optimizer = Spring(networks[0], settings.spring_learning_rate)
+        else:
+            rates = settings.learning_rate, settings.muon_learning_rate
+            self.optimizer = Optimizer(self.learner, *rates)
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
         self.failed: FloatArray = np.ones(len(expert.pairs))  # share of the episodes, lately
         self.updates: int = 0  # so far
@@ -203,12 +206,16 @@ class DAgger:
         last = settings.first_updates + settings.rounds * settings.updates
         left = 0.5 * (1.0 + math.cos(math.pi * self.updates / last))
         rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
-        actions, weights = dataset.actions[rows], dataset.weights[rows]
-        prediction = self.learner(dataset.inputs[rows])
-        losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
-        loss = (weights * losses).mean() / weights.mean()
-        loss.backward()
-        self.optimizer.step(left)
+        inputs, actions = dataset.inputs[rows], dataset.actions[rows]
+        weights = dataset.weights[rows]
+        if isinstance(self.optimizer, Spring):
+            prediction = self.optimizer.step(inputs, actions, weights, left)
+        else:
+            prediction = self.learner(inputs)
+            losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
+            loss = (weights * losses).mean() / weights.mean()
+            loss.backward()
+            self.optimizer.step(left)
         self.updates += 1
         return float((prediction.detach() - actions).abs().mean())
 
@@ -282,6 +289,9 @@ def train(
             f"got mode {config.mode.name!r}, length={settings.length} and "
             f"observe_context={config.observe_context}"
         )
+    if settings.by_goal and settings.spring_learning_rate > 0.0:
+        rate = settings.spring_learning_rate
+        raise ValueError(f"spring_learning_rate must be 0 with by_goal, got {rate}")
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     checkpoint = checkpoint or Checkpoint(settings)

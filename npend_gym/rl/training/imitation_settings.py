@@ -40,6 +40,7 @@ class Settings(TrainingSettings):
     minibatch_size: int = 1024
     learning_rate: float = 2e-3  # of Adam; falls to zero along a cosine
     muon_learning_rate: float = 0.0  # of Muon for the matrices; 0: Adam learns them too
+    spring_learning_rate: float = 0.0  # of SPRING, which then learns in place of both
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
     hidden: int = 192  # units in each of two layers
@@ -85,6 +86,11 @@ _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
+_SIX: dict[str, Any] = _QUICK | {
+    "seconds": 8.0, "plan_seed": 5, "tries": 4, "variants": 40, "noise_std": 0.02, "rounds": 60,
+    "student_fraction": 0.1, "take_over": 1.5, "hand_back": 0.5, "lost": 6.0,
+    "minibatch_size": 512, "spring_learning_rate": 0.3,
+}  # fmt: skip
 _FOUR_POLES: dict[str, Any] = _QUICK | {
     "seconds": 10.0, "plan_seed": 4, "variants": 100, "rounds": 80, "hidden": 256,
     "muon_learning_rate": 0.015,
@@ -99,6 +105,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-3": _QUICK | {"seconds": 4.0, "plan_seed": 4, "rounds": 10},
     "swingup-4": _QUICK | {"seconds": 5.0, "plan_seed": 10, "rounds": 24, "variants": 100},
     "swingup-5": _STEADY | {"errors": {}, "variants": 160, "rounds": 100},
+    "swingup-6": _SIX,
     "swingup-2-robust": {"rescuer": "swingup-2"},
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},

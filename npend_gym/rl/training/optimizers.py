@@ -1,4 +1,4 @@
-"""What changes the parameters of a network along their gradients."""
+"""What changes the parameters of a network: gradients, or least squares."""
 
 # torch's stubs leave parts unknown
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -6,6 +6,10 @@ from __future__ import annotations
 
 import torch
 from torch import nn
+
+_DAMPING = 1e-4  # over the mean of what is inverted: less is lost in single precision
+_MOMENTUM = 0.97  # of the change before, what is left where a minibatch says nothing
+_LARGEST = 0.1  # error that counts in full: what cannot be learned must not disturb the rest
 
 
 class Optimizer:
@@ -53,3 +57,67 @@ class Optimizer:
             part.param_groups[0]["lr"] = share * self.rates[name]
             part.step()
         self.network.zero_grad()
+
+
+class Spring:
+    """SPRING, for a network of layers with hyperbolic tangents between them.
+
+    A step finds the smallest change of all parameters, added to a part of the last change, that
+    takes away the errors of a minibatch to first order. So it solves as many linear equations as
+    the minibatch has outputs, whatever the number of parameters (G. Goldshlager, N. Abrahamsen, L.
+    Lin, "A Kaczmarz-inspired approach to accelerate the optimization of neural network
+    wavefunctions", arXiv:2401.10190). Where targets are a function of the inputs, errors fall much
+    further than along gradients. Where they are noisy, the steps follow the noise.
+
+    Parameters
+    ----------
+    network : nn.Sequential
+        Of `nn.Linear` layers, with `nn.Tanh` between them.
+    learning_rate : float
+        Share of the change that is made.
+    """
+
+    changes: tuple[str, ...] = ("last",)  # in a training run, see its checkpoints
+
+    def __init__(self, network: nn.Sequential, learning_rate: float) -> None:
+        self._layers = [each for each in network if isinstance(each, nn.Linear)]
+        self._learning_rate = learning_rate
+        # the last change of each layer: of weights, with a column of biases
+        self.last: list[torch.Tensor] = [
+            torch.zeros(len(layer.weight), layer.weight.shape[1] + 1) for layer in self._layers
+        ]
+
+    @torch.no_grad()
+    def step(
+        self, inputs: torch.Tensor, targets: torch.Tensor, weights: torch.Tensor, share: float
+    ) -> torch.Tensor:
+        """Change the network, with a share of the learning rate; return its outputs before.
+
+        Targets and outputs are (B, outputs), and so are the `weights` of the squares of errors.
+        """
+        values = [inputs]
+        for layer in self._layers[:-1]:
+            values.append(torch.tanh(layer(values[-1])))
+        outputs = self._layers[-1](values[-1])
+        roots = weights.sqrt() / weights.sqrt().mean()
+        errors = ((targets - outputs) * roots).clamp(-_LARGEST, _LARGEST).flatten()
+        # a row for each output: its gradient is the outer product of these two, layer by layer
+        slopes, count = torch.diag_embed(roots).flatten(0, 1), targets.shape[1]
+        factors = list[tuple[torch.Tensor, torch.Tensor]]()
+        for layer, value in zip(reversed(self._layers), reversed(values), strict=True):
+            given = nn.functional.pad(value, (0, 1), value=1.0).repeat_interleave(count, dim=0)
+            factors.insert(0, (slopes, given))
+            slopes = (slopes @ layer.weight) * (1.0 - given[:, :-1] ** 2)
+        kernel, known = torch.zeros(()), torch.zeros(())
+        for (slopes, given), last in zip(factors, self.last, strict=True):
+            kernel = kernel + (slopes @ slopes.T) * (given @ given.T)
+            known = known + ((slopes @ last) * given).sum(dim=1)
+        kernel.diagonal().add_(_DAMPING * kernel.diagonal().mean())
+        solved = torch.linalg.cholesky(kernel)
+        left = torch.cholesky_solve((errors - _MOMENTUM * known)[:, None], solved)
+        parts = zip(self._layers, factors, self.last, strict=True)
+        for layer, (slopes, given), last in parts:
+            last.mul_(_MOMENTUM).add_((slopes * left).T @ given)
+            layer.weight.add_(last[:, :-1], alpha=share * self._learning_rate)
+            layer.bias.add_(last[:, -1], alpha=share * self._learning_rate)
+        return outputs
