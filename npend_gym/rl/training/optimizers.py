@@ -62,12 +62,12 @@ class Optimizer:
 class Spring:
     """SPRING, for a network of layers with hyperbolic tangents between them.
 
-    A step finds the smallest change of all parameters, added to a part of the last change, that
-    takes away the errors of a minibatch to first order. So it solves as many linear equations as
-    the minibatch has outputs, whatever the number of parameters (G. Goldshlager, N. Abrahamsen, L.
-    Lin, "A Kaczmarz-inspired approach to accelerate the optimization of neural network
-    wavefunctions", arXiv:2401.10190). Where targets are a function of the inputs, errors fall much
-    further than along gradients. Where they are noisy, the steps follow the noise.
+    A step adds the smallest change of all parameters to a part of the last change. The sum takes
+    away the errors of a minibatch to first order. So a step solves as many linear equations as the
+    minibatch has outputs, whatever the number of parameters (G. Goldshlager, N. Abrahamsen, L. Lin,
+    "A Kaczmarz-inspired approach to accelerate the optimization of neural network wavefunctions",
+    arXiv:2401.10190). Where targets are a function of the inputs, errors fall much further than
+    along gradients. Where targets are noisy, the steps follow the noise.
 
     Parameters
     ----------
