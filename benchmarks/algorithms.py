@@ -3,8 +3,8 @@
 Run it with `python benchmarks/algorithms.py --out results/learning`; what has been trained there
 already is not trained again, so it can be interrupted. `--tasks`, `--agents` and `--seeds` choose
 parts of it.
-It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
-them into `docs/` and the best policies into the package.
+It writes `results.csv` and the table `results.md`, and `curves.csv` and `curves.png` if there are
+trained policies; `--publish` puts them into `docs/` and the best policies into the package.
 
 `--again` trains nothing: it renews the rows in `docs/` that need no training, which are those of
 chance, of the controllers and of the policies of the package.
@@ -89,6 +89,13 @@ def place(task: str) -> tuple[int, int, str]:
     """Return where a task stands in the tables."""
     mode, n, *_ = task.split("-")
     return ORDER.index(mode), int(n), task
+
+
+def task_name(task: str) -> str:
+    """Return the name of a task; raise ValueError if the tables have no place for it."""
+    env_of_task(task)
+    place(task)
+    return task
 
 
 def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
@@ -303,7 +310,7 @@ def main() -> None:
     """Train what is missing, then write the tables and the figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/learning"))
-    parser.add_argument("--tasks", nargs="+", default=tasks())
+    parser.add_argument("--tasks", nargs="+", type=task_name, default=tasks())
     parser.add_argument("--agents", nargs="+", choices=TRAINERS, default=list(TRAINERS))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--publish", action="store_true", help="in docs/ and in the package")
@@ -318,9 +325,10 @@ def main() -> None:
             train_and_keep(task, agent, seed, arguments.out)
     rows, curves = collect(arguments.tasks, arguments.out)
     write_csv(arguments.out / "results.csv", rows)
-    write_csv(arguments.out / "curves.csv", curves)
     (arguments.out / "results.md").write_text(table(rows), encoding="utf-8")
-    draw(curves, arguments.out / "curves.png")
+    if curves:
+        write_csv(arguments.out / "curves.csv", curves)
+        draw(curves, arguments.out / "curves.png")
     print(table(rows))
     if arguments.publish:
         publish(rows, curves, arguments.out)

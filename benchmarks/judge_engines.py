@@ -26,7 +26,7 @@ from certify.cases import Case, read
 
 from npend_gym import _provenance
 from npend_gym.cli.common import OK, Parser, can_draw, dispatch, show_written
-from npend_gym.report.outputs import write_csv, write_figure
+from npend_gym.report.outputs import prepare_folder, write_csv, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # an extra
@@ -145,6 +145,9 @@ def _run(options: dict[str, Any]) -> int:
     if options["make_references"]:
         oracle.make(print)
         return OK
+    out, as_json = options["out"], options["json"]
+    if out is not None:
+        prepare_folder(out)
     cases = [options["cases"][name] for name in options["case"] or options["cases"]]
     kind, fields = ("derivatives_of_engines", derivatives.FIELDS) if options["derivatives"] else (
         "engines", FIELDS)  # fmt: skip
@@ -153,17 +156,18 @@ def _run(options: dict[str, Any]) -> int:
     try:
         for row in yielding(cases, options["engine"] or [*ENGINES]):
             done.append({field: row.get(field, "") for field in fields})
-            print(line(row), file=sys.stderr if options["json"] else sys.stdout, flush=True)
+            print(line(row), file=sys.stderr if as_json else sys.stdout, flush=True)
     finally:
-        if options["out"] is not None and done:
-            path = options["out"] / f"{kind}.csv"
-            done = _merged(path, done)
-            written = [write_csv(path, done)]
-            drawn = kind == "engines" and any(row["case"] == SHOWN for row in done)
+        if out is not None and done:
+            path = out / f"{kind}.csv"
+            merged = _merged(path, done)
+            written = [write_csv(path, merged)]
+            drawn = kind == "engines" and any(row["case"] == SHOWN for row in merged)
             if drawn and can_draw():
-                written.append(write_figure(options["out"] / "engines.png", diagram(done)))
-            show_written(written)
-    if options["json"]:
+                written.append(write_figure(out / "engines.png", diagram(merged)))
+            if not as_json:
+                show_written(written)
+    if as_json:
         print(json.dumps(done))
     return OK
 

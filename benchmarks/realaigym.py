@@ -29,6 +29,7 @@ from double_pendulum.model.model_parameters import model_parameters
 from double_pendulum.model.plant import DoublePendulumPlant
 from double_pendulum.simulation.simulation import Simulator
 
+from npend_gym.cli.common import prepare_file
 from npend_gym.report.outputs import write_csv
 from npend_gym.rl import Controller, Policy, pretrained_names, recovery
 from npend_gym.rl.controllers.references import reference_controller
@@ -122,15 +123,16 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=40, metavar="COUNT")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results/realaigym.csv")
     options = parser.parse_args()
+    prepare_file(options.out, [".csv"])
+    controllers = {name: _controller(name) for name in options.controllers}
     rows: list[dict[str, Any]] = []
-    for name in options.controllers:
-        controller = _controller(name)
+    for name, controller in controllers.items():
         theirs = [their_score(controller, seed) for seed in range(options.episodes)]
         ours = recovery(controller, _env(controller), episodes=options.episodes).uptime
         for where, scores in (("RealAIGym", theirs), ("npend_gym", ours)):
             rows.append(_row(name, where, scores))
             print(rows[-1], flush=True)
-    write_csv(options.out, rows)
+        write_csv(options.out, rows)  # a later error leaves these
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ A run of Stable-Baselines3 ends when its policy succeeds in all of 50 validation
 after five minutes of processor time; it is tried now and then. That of SHAC and imitation ends
 where its settings say. The last policy is judged in 100 held-out episodes. Each run is a file in
 the folder, so that this can be interrupted, or run several times at once with other `--tasks`.
+All runs of a folder have the same `--budget`.
 `--publish` puts the rows into `docs/results/side_by_side.csv`, the table into the page
 `docs/notes/side_by_side.md`, and draws them; rows of runs that the folder lacks are kept.
 """
@@ -40,7 +41,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 import npend_gym
 from npend_gym._provenance import machine
 from npend_gym.envs import EnvConfig
-from npend_gym.report import write_csv
+from npend_gym.report.outputs import write_csv, write_json
 from npend_gym.rl import (
     VALIDATION,
     bootstrap_interval,
@@ -149,13 +150,28 @@ def run(task: str, agent: str, seed: int, budget: float) -> dict[str, Any]:
     return row | versions | {"budget": budget, "machine": machine()}
 
 
-def collected(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table in `docs/`, those of the folder in their place, in order."""
+def recorded(folder: Path, budget: float) -> list[dict[str, Any]]:
+    """Return the rows of the runs in a folder; raise ValueError if one has another budget."""
+    rows = {path: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
+    for path, row in rows.items():
+        if row["budget"] != budget:
+            raise ValueError(
+                f"{path} has a budget of {row['budget']:g} s, not {budget:g} s: "
+                "choose another folder with --out"
+            )
+    return list(rows.values())
+
+
+def collected(folder: Path, budget: float) -> list[dict[str, Any]]:
+    """Return the rows of the table in `docs/`, those of the folder in their place, in order.
+
+    Rows in `docs/` of another budget are left out.
+    """
     rows: list[dict[str, Any]] = []
     if CSV.exists():
         with CSV.open(encoding="utf-8") as file:
             rows = [row | {"seed": int(row["seed"])} for row in csv.DictReader(file)]
-    rows += [json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")]
+    rows = [row for row in rows if float(row["budget"]) == budget] + recorded(folder, budget)
     latest = {tuple(row[key] for key in KEY): row for row in rows}
     order = TASKS, AGENTS, range(1000)
     return sorted(
@@ -244,6 +260,9 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=BUDGET, help="s of processor time")
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
+    if arguments.publish and arguments.budget != BUDGET:
+        parser.error(f"--publish needs --budget {BUDGET:g}, got {arguments.budget:g}")
+    recorded(arguments.out, arguments.budget)  # raises before any training
     torch.set_num_threads(1)  # two are slower for networks this small
     arguments.out.mkdir(parents=True, exist_ok=True)
     for seed, task, agent in product(arguments.seeds, arguments.tasks, arguments.agents):
@@ -251,9 +270,9 @@ def main() -> None:
         if path.exists():
             continue
         row = run(task, agent, seed, arguments.budget)
-        path.write_text(json.dumps(row), encoding="utf-8")
+        write_json(path, row)
         print(f"{path.stem}: {row['success']:.2f} after {row['seconds']} s", flush=True)
-    rows = collected(arguments.out)
+    rows = collected(arguments.out, arguments.budget)
     print(table(rows))
     if arguments.publish:
         write_csv(CSV, rows)

@@ -241,9 +241,16 @@ FIGURES = {
     "loop_timing": loop_timing,
 }
 
-if __name__ == "__main__":
+
+def main() -> None:
+    """Draw all figures."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE
+    folder.mkdir(parents=True, exist_ok=True)
     for name, draw in FIGURES.items():
         path = folder / f"{name}.png"
         draw().savefig(path, metadata={"Software": f"npend_gym {__version__}"})
         print("drawn:", path)
+
+
+if __name__ == "__main__":
+    main()

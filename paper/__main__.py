@@ -33,6 +33,7 @@ from paper.com_law import LawCell, LawGrid, law_rows, limit_rows
 from paper.findings import KANE_N, Finding, audit, groups, selected
 
 PROGRAM = "python -m paper"
+_STOPPED = "interrupted: the results above are complete, the rest is missing"
 LAW = "com-law"  # the key of the law of the centre of mass
 ABOUT = """\
 Every equation, number and claim of the source paper, computed again and judged. All of it takes
@@ -116,18 +117,18 @@ def run(options: dict[str, Any]) -> int:
         prepare_results(out, PROGRAM)
     findings: list[Finding] = []
     cells: list[LawCell] = []
+    limits: list[dict[str, Any]] = []
     code, trouble = OK, ""
     try:
         findings.extend(progress("finding", len(keys))(pending))
         if wanted is None or LAW in wanted:
-            for n in progress("chain")(grid.n_values):
-                cells += grid.measure(n, threads)
+            for n in progress("chain")(list(dict.fromkeys(grid.n_values))):
+                measured, small = grid.measure(n, threads), limit_rows([n])
+                cells, limits = cells + measured, limits + small
     except KeyboardInterrupt:
-        code = INTERRUPTED
-        trouble = "interrupted: the results above are complete, the rest is missing"
+        code, trouble = INTERRUPTED, _STOPPED
     except (ImportError, IntegrationError) as error:
         code, trouble = FAILED, f"{PROGRAM}: {error}"
-    limits = limit_rows(list(dict.fromkeys(cell.n for cell in cells)))
     if options.get("json", False) and (findings or cells):
         arguments = {"only": wanted, "kane_n": kane_n} | (grid.as_dict() if cells else {})
         tables = {"findings": report.audit_rows(findings), "law": law_rows(cells), "limits": limits}
@@ -136,10 +137,15 @@ def run(options: dict[str, Any]) -> int:
         texts = [report.audit_text(findings)] if findings else []
         print(*texts, *([law_tables.law_text(cells, limits)] if cells else []), sep="\n\n")
     written: list[Path] = []
-    if findings and out is not None:
-        written += report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw())
     if cells and out is not None:
         written += law_tables.write_law(grid, cells, limits, out / LAW, complete=code == OK)
+    if findings and out is not None:
+        try:
+            written.extend(
+                report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw())
+            )
+        except KeyboardInterrupt:
+            code, trouble = INTERRUPTED, _STOPPED
     if written and "json" not in options:
         show_written(written, figures=bool(findings))
     if trouble:

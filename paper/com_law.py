@@ -85,7 +85,8 @@ class LawGrid:
     Raises
     ------
     ValueError, TypeError
-        If a number is no count, or an amplitude not between 0 and pi.
+        If a number is no count, or an amplitude not between 0 and pi/2, beyond which another
+        reversal may be the second one.
 
     Examples
     --------
@@ -107,8 +108,8 @@ class LawGrid:
             "amplitudes", np.atleast_1d(_checks.array("amplitudes", self.amplitudes))
         )
         largest = float(angles.max(initial=0.0))
-        if largest >= np.pi:
-            raise ValueError(f"amplitudes must lie {_checks.in_radians('pi', largest)}")
+        if largest > np.pi / 2:
+            raise ValueError(f"amplitudes must lie {_checks.in_radians('pi/2', largest)}")
 
     @classmethod
     def full(cls) -> LawGrid:

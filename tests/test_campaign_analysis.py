@@ -59,6 +59,51 @@ def test_intervals_hold_the_planted_numbers_of_scattered_data(tmp_path, monkeypa
     assert 3e-4 < law.residuals.std() < 3e-3
 
 
+def test_cells_whose_median_is_unknown_are_left_out_of_the_fits(tmp_path, monkeypatch):
+    def unfinished(chain, theta, **options):
+        periods = planted(chain, theta, **options) * np.linspace(0.5, 1.5, chain.n)
+        slow = np.linspace(0.0, 1.0, chain.n) > (0.62 if chain.n < 50 else 0.47)
+        return np.where(slow, np.nan, periods)
+
+    plan = CampaignPlan(n=[11, 21, 41, 81], amplitude=AMPLITUDES[:1], spread=0.0, trials=2)
+    result = analysed(plan, tmp_path, monkeypatch, unfinished)
+    (group,) = result.groups
+    (power,) = group.powers
+    assert [point.n for point in power.points] == [11, 21, 41]
+    assert power.p.value == pytest.approx(0.5, abs=1e-12)
+    text, page = report.analysis_text(result), report.page(result, report.tables(result), [])
+    for shown in ("166 of 308 bobs completed", "fits leave out 1 of 4 cells", "longer --duration"):
+        assert shown in text
+        assert shown in page
+
+
+def test_analyses_name_the_groups_and_fits_that_they_do_not_draw(tmp_path, monkeypatch):
+    from npend_gym.report import campaign_figures as draw
+
+    masses = [1.0 + k for k in range(13)]
+    angles = np.linspace(0.1, 1.1, 11).tolist()
+    plan = CampaignPlan(n=[2, 3, 4], masses=masses, amplitude=angles, spread=0.0, trials=1)
+    result = analysed(plan, tmp_path, monkeypatch, planted)
+    for text in (report.analysis_text(result), report.page(result, report.tables(result), [])):
+        assert "figures of the first 12 of 13 groups" in text
+    assert draw.law_against_n(result.groups[0]).axes[0].get_title().endswith("9 of 11 fits drawn")
+
+
+def test_small_residuals_have_two_significant_digits(tmp_path, monkeypatch):
+    from npend_gym.report import campaign_figures as draw
+
+    def bent(chain, theta, **options):
+        return planted(chain, theta, **options) * (1.0 + 1e-5 * np.sin(40.0 * theta[:, :1]))
+
+    plan = CampaignPlan(n=10, amplitude=AMPLITUDES, spread=0.0, trials=1)
+    result = analysed(plan, tmp_path, monkeypatch, bent)
+    assert re.search(r"residuals up to 0\.000\d\d%", report.analysis_text(result))
+    figure = draw.law_against_amplitude(result.groups[0])
+    figure.canvas.draw()
+    labels = [label.get_text() for label in figure.axes[1].get_yticklabels()]
+    assert len(set(labels)) == len(labels)
+
+
 def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
     def jumping(chain, theta, **options):
         periods = planted(chain, theta, **options)

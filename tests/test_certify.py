@@ -1,5 +1,6 @@
 """The reference cases of `benchmarks/certify`, the package's own motions, and other engines'."""
 
+import csv
 import json
 from xml.etree import ElementTree as ET
 
@@ -109,6 +110,22 @@ def test_the_command_writes_a_row_for_each_engine_or_why_there_is_none(tmp_path,
     assert "Error: " in theirs["reason"]
     assert (tmp_path / "engines.csv").exists()
     assert "npend_gym rk4" in judge_engines.line(ours)
+
+
+def test_the_file_in_a_new_folder_keeps_old_rows_and_the_json_has_the_new_ones(
+    tmp_path, monkeypatch, capsys
+):
+    def rows(cases, names):
+        yield {"case": cases[0].name, "engine": names[0], "reason": "a stand-in"}
+
+    monkeypatch.setattr(judge_engines, "rows", rows)
+    out = tmp_path / "new" / "folder"
+    for engine in ("npend_gym rk4", "Drake RK3"):
+        chosen = ["--case", "drag", "--engine", engine, "--json", "--out", str(out)]
+        assert judge_engines.main(chosen) == 0
+        assert [row["engine"] for row in json.loads(capsys.readouterr().out)] == [engine]
+    with (out / "engines.csv").open() as file:
+        assert {row["engine"] for row in csv.DictReader(file)} == {"npend_gym rk4", "Drake RK3"}
 
 
 def test_a_run_that_diverges_is_named_so(monkeypatch):

@@ -90,6 +90,14 @@ def test_figures_of_the_pages_are_drawn(name):
     assert all(ax.lines or ax.images for ax in figure.axes)
 
 
+def test_figures_are_drawn_into_a_new_folder(tmp_path, monkeypatch):
+    script = script_of_docs("figures")
+    monkeypatch.setattr(script, "FIGURES", {"empty": script.Figure})
+    monkeypatch.setattr("sys.argv", ["figures.py", str(tmp_path / "new" / "folder")])
+    script.main()
+    assert (tmp_path / "new" / "folder" / "empty.png").exists()
+
+
 def script_of_docs(name):
     """Return a script of docs/ as a module."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")

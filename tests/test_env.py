@@ -329,6 +329,22 @@ def test_a_mode_of_ones_own_may_return_what_it_computes_one_number_or_a_quantity
     assert info["success"].tolist() == [not isinstance(mode, Lazy)] * 3
 
 
+class Upright(Constant):
+    """A mode for vector environments alone: it takes means over the rods of each lane."""
+
+    def reward(self, quantities):
+        return np.cos(quantities.theta).mean(axis=1)
+
+
+def test_a_mode_of_ones_own_is_given_arrays_in_a_vector_environment_of_one_lane_too():
+    rewards = []
+    for count in (1, 2):
+        vector = gym.make_vec("NPendulum-v0", num_envs=count, mode=Upright(), n=2)
+        vector.reset(seed=0)
+        rewards.append(vector.step(np.full((count, 1), 0.5, np.float32))[1])
+    assert rewards[0].tolist() == rewards[1][:1].tolist()
+
+
 def test_two_threads_can_step_two_envs_at_once():
     expected = digest(rollout(make(n=5), 400, seed=1))
     results = {}

@@ -123,6 +123,22 @@ def test_state_is_angles_and_velocities_which_may_be_set():
         assert_same(env.state, before)
 
 
+@pytest.mark.parametrize("mode", ["NEXT_STEP", "DISABLED"])
+def test_the_state_of_lanes_that_are_done_is_set_after_their_reset(mode):
+    envs = make_vec(2, randomize=None, autoreset_mode=mode, max_episode_steps=2)
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 1)))
+    envs.reset(options={"reset_mask": np.array([True, False])})
+    done = envs.step(np.zeros((2, 1)))[3]
+    before, state = envs.state, np.full((2, 4), 0.1)
+    with pytest.raises(ValueError, match=r"got done lanes \[1\]: reset them first"):
+        envs.state = state
+    assert_same(envs.state, before)
+    envs.reset(options={"reset_mask": done})
+    envs.state = state
+    assert envs.step(np.zeros((2, 1)))[4]["time"].tolist() == [envs.unwrapped.config.dt] * 2
+
+
 def of_version(version):
     def change(state):
         state = state.copy()

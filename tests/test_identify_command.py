@@ -1,6 +1,7 @@
 """`npend identify`: CSV files, what is written, and what is refused."""
 
 import json
+import re
 from pathlib import Path
 
 import gymnasium as gym
@@ -9,11 +10,12 @@ import pytest
 
 from npend_gym import Chain, simulate, theory
 from npend_gym.cli import main
-from npend_gym.identification import read_motion
+from npend_gym.identification import Identification, read_motion
 from npend_gym.identification.fit import Problem, _hold_out
 from npend_gym.identification.motion import check_motion
 from npend_gym.identification.parameters import new_model, values_of
 from npend_gym.identification.uncertainty import undetermined
+from npend_gym.report.identification_report import identification_text
 
 DATA = Path(__file__).parent.parent / "examples" / "data"
 GOOD = "".join(f"{0.02 * k:.2f},{np.sin(0.15 * k):.6f}\n" for k in range(60))
@@ -56,6 +58,40 @@ def test_the_command_writes_a_chain_that_environments_take(tmp_path, capsys):
     assert len(rows) == len(few) + 1
     written = {path.name for path in out.iterdir()}
     assert written >= {"held_out.png", "errors.png", "parameters.png", "manifest.json"}
+
+
+@pytest.fixture
+def found():
+    """An identification of one segment: friction0 is not determined, damping0 at its bound."""
+    segment = {"piece": 0, "start": 0.0, "end": 1.0, "held_out": False, "rmse": 1e-3}
+    return Identification(
+        chain=Chain.uniform(1), names=("inertia0", "damping0", "friction0"),
+        units=("kg m^2", "N m s/rad", "N m"), values=np.array([1.0, 0.0, 0.1]),
+        standard_errors=np.array([0.01, 1e-5, np.inf]), correlation=np.eye(3), chain_errors={},
+        offsets=np.zeros(1), given_rmse=np.nan, segments=(segment,),
+        outliers=np.zeros((20, 1), bool), residuals=np.zeros((20, 1)),
+        held_out=np.zeros(20, bool), undetermined=(), provenance={"arguments": {}},
+    )  # fmt: skip
+
+
+def test_values_at_their_bound_are_so_in_text_and_figure(found):
+    from npend_gym.report import identification_figures as draw
+
+    text = identification_text(found)
+    assert re.search(r"damping0 +0 +1e-05 +N m s/rad, at its bound\n", text)
+    assert re.search(r"friction0 +0.1 +not determined N m\n", text)
+    notes = draw.parameters(found).axes[0].texts
+    shown = [(note.get_text(), note.xy[1]) for note in notes]
+    assert shown == [("at its bound", 1), ("not determined", 2)]
+
+
+def test_the_errors_of_one_segment_have_whole_ticks_and_no_series_that_is_empty(found):
+    from npend_gym.report import identification_figures as draw
+
+    axes = draw.errors(found).axes[0]
+    assert axes.get_xlim() == (-0.5, 0.5)
+    assert all(tick == round(tick) for tick in axes.get_xticks())
+    assert axes.get_legend_handles_labels()[1] == ["segments fitted, fitted chain"]
 
 
 def test_columns_are_found_by_name_and_angles_of_joints_in_degrees_are_converted(motion_file):

@@ -382,6 +382,73 @@ def test_an_environment_with_a_wrapper_that_is_not_known_is_refused_by_its_name(
         rl.evaluate(lambda shown, _: np.zeros((len(shown), 1)), env, episodes=2)
 
 
+class Still(gym.vector.VectorWrapper):
+    """A wrapper of a user that takes no action."""
+
+    def step(self, actions):
+        return self.env.step(0.0 * actions)
+
+
+class Started(gym.vector.VectorWrapper):
+    """A wrapper of a user that chooses where episodes start."""
+
+    def reset(self, *, seed=None, options=None):
+        return self.env.reset(seed=seed, options=(options or {}) | {"omega": 0.0})
+
+
+class Doubling(gym.vector.VectorRewardWrapper):
+    """A wrapper of a user that changes rewards only."""
+
+    def rewards(self, reward):
+        return 2.0 * reward
+
+
+@pytest.mark.parametrize("name", ["Still", "Started", "step_async", "step_wait", "reset"])
+def test_a_wrapper_of_a_users_own_around_a_vector_environment_is_refused(name):
+    from stable_baselines3.common.vec_env import VecCheckNan, VecNormalize
+
+    wrap, env = globals().get(name), native(**SWING)
+    if wrap is None:  # of Stable-Baselines3, with this method changed
+        wrap, env = type(name, (VecCheckNan,), {name: None}), VecNormalize(rl.SB3VecEnv(env))
+    with pytest.raises(ValueError, match=f"wrapper {name} changes observations or actions"):
+        rl.evaluate(lambda shown, _: np.zeros((len(shown), 1)), wrap(env), episodes=2)
+
+
+def test_wrappers_of_vector_environments_that_change_no_step_are_ignored_by_evaluate():
+    from stable_baselines3.common.vec_env import VecCheckNan
+
+    vector, env = gym.wrappers.vector, Doubling(native(**SWING))
+    env = vector.RecordEpisodeStatistics(vector.NormalizeReward(vector.ClipReward(env, 0.0, 1.0)))
+    expected, *found = (
+        rl.evaluate(lambda shown, _: np.ones((len(shown), 1)), each, episodes=2).returns
+        for each in (SWING, VecCheckNan(rl.SB3VecEnv(env)), dummy(**SWING))
+    )
+    np.testing.assert_array_equal(found, [expected] * 2)
+
+
+def test_a_model_is_not_judged_behind_a_normalisation_that_has_seen_no_observation():
+    env = gym.wrappers.vector.NormalizeObservation(gym.make_vec("NPendulum-v0", 2, **SWING))
+    with pytest.raises(ValueError, match="the obs_rms of the training"):
+        rl.evaluate(trained("PPO"), env, episodes=2)
+    env.reset(seed=0)
+    assert rl.evaluate(trained("PPO"), env, episodes=2).returns.size == 2
+
+
+def test_an_environment_lasts_as_long_as_its_shortest_time_limit():
+    own = {name: value for name, value in SWING.items() if name != "max_episode_steps"}
+    bare = gym.make("NPendulum-v0", **own).unwrapped
+    bare.spec = None
+
+    def act(shown, _):
+        return np.ones((len(shown), 1))
+
+    limited = gym.wrappers.TimeLimit(gym.wrappers.TimeLimit(bare, 9), 5)
+    expected = rl.evaluate(act, own | {"max_episode_steps": 5}, episodes=2).returns
+    np.testing.assert_array_equal(rl.evaluate(act, limited, episodes=2).returns, expected)
+    with pytest.raises(ValueError, match=r"got None: give .* gymnasium\.wrappers\.TimeLimit"):
+        rl.evaluate(act, bare, episodes=2)
+
+
 class Logged(gym.Wrapper):
     """A wrapper of a user that changes no step."""
 

@@ -1,6 +1,7 @@
 """Reference controllers and evaluation against linear theory and closed forms."""
 
 import itertools
+import re
 from statistics import NormalDist
 
 import gymnasium as gym
@@ -277,6 +278,22 @@ def test_evaluation_takes_models_with_predict_and_refuses_what_cannot_act():
     for other in (None, 3, gym.make_vec("CartPole-v1", num_envs=2)):
         with pytest.raises(TypeError, match=r'env must be an id such as "npend/SwingUp-v1"'):
             evaluate(Still(), other)
+
+
+@pytest.mark.parametrize("actuated", [(0,), (0, 1)])
+def test_a_policy_is_not_judged_with_other_motors_than_in_its_training(actuated):
+    policy = rl.Policy.pretrained("swingup-2-acrobot")
+    message = rf"actuated must be \(1,\), .* got {re.escape(str(actuated))}: .* policy\.env"
+    for judge in (evaluate, rl.performance, rl.recovery, rl.robustness):
+        with pytest.raises(ValueError, match=message):
+            judge(policy, policy.env | {"actuated": actuated})
+    assert evaluate(policy, policy.env | {"max_episode_steps": 2}, episodes=1).returns.size == 1
+
+
+@pytest.mark.parametrize("model", [lambda observation: observation, np.float64(1.0)])
+def test_a_model_that_takes_no_observation_and_info_is_refused(model):
+    with pytest.raises(TypeError, match=r"must be callable as model\(observation, info\)"):
+        evaluate(model, {"n": 1}, episodes=1)
 
 
 @pytest.mark.parametrize(

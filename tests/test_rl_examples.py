@@ -1,6 +1,7 @@
 """Every training script runs for a short time, and `npend evaluate` takes what it writes."""
 
 import csv
+import errno
 import inspect
 import json
 import re
@@ -13,6 +14,7 @@ import pytest
 from scripts import run_python, run_script
 from test_examples import ROOT
 
+from npend_gym import _files
 from npend_gym.rl import Policy
 
 EXAMPLES = ROOT / "examples"
@@ -288,6 +290,36 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
+def test_results_without_a_trained_policy_have_a_table_and_no_curves(tmp_path, monkeypatch):
+    pytest.importorskip("torch")
+    import algorithms
+
+    row = {"task": "balance-1-cart", "agent": "LQR", "success": 1.0}
+    monkeypatch.setattr(algorithms, "references", lambda _task: {"LQR": None})
+    monkeypatch.setattr(algorithms, "evaluated", lambda *_: row)
+    arguments = ["--tasks", "balance-1-cart", "--agents", "ES", "--out", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
+    algorithms.main()
+    assert {path.name for path in tmp_path.iterdir()} == {"results.csv", "results.md"}
+
+
+def test_results_of_an_unknown_task_are_refused_before_any_training(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("torch")
+    import algorithms
+
+    known = {task for trainer in algorithms.TRAINERS.values() for task in trainer.TASKS}
+    for task in known | {*algorithms.tasks(), "balance-9"}:
+        assert algorithms.task_name(task) == task
+    trained = []
+    monkeypatch.setattr(algorithms, "train_and_keep", lambda *run: trained.append(run))
+    arguments = ["--tasks", "balance-1", "foo", "--out", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
+    with pytest.raises(SystemExit):
+        algorithms.main()
+    assert "'foo'" in capsys.readouterr().err
+    assert not trained
+
+
 def test_new_results_join_those_of_other_seeds_and_replace_their_own(monkeypatch):
     pytest.importorskip("torch")
     import algorithms
@@ -314,9 +346,10 @@ def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
     monkeypatch.setattr(side_by_side, "CSV", tmp_path / "rows.csv")
     monkeypatch.setattr(side_by_side, "FIGURE", tmp_path / "rows.png")
     monkeypatch.setattr(side_by_side, "PAGE", tmp_path / "page.md")
+    monkeypatch.setattr(side_by_side, "BUDGET", 1.0)
     (tmp_path / "page.md").write_text("before\n\n| algorithm | old |\n\nafter\n")
     agents = ["SHAC", "PPO tuned", "SAC default"]
-    arguments = ["--tasks", "balance-1", "--seeds", "0", "--budget", "1", "--publish"]
+    arguments = ["--tasks", "balance-1", "--seeds", "0", "--publish"]
     arguments += ["--out", str(tmp_path / "runs"), "--agents", *agents]
     monkeypatch.setattr("sys.argv", ["side_by_side.py", *arguments])
     side_by_side.main()
@@ -333,6 +366,50 @@ def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
     assert page.startswith("before\n\n| algorithm | balance-1 | mean | interquartile mean |\n")
     assert page.endswith("|\n\nafter\n")
     assert page.count("\n| ") == 1 + len(side_by_side.AGENTS)
+
+
+@pytest.mark.long
+def test_runs_side_by_side_in_a_folder_have_one_budget_and_the_default_is_published(
+    tmp_path, monkeypatch, capsys
+):
+    pytest.importorskip("sb3_contrib")
+    pytest.importorskip("yaml")
+    import side_by_side
+
+    def run(*arguments):
+        row = dict(zip((*side_by_side.KEY, "budget"), arguments, strict=True))
+        return row | {"success": 1.0, "seconds": 2.0}
+
+    def main(*arguments):
+        chosen = ["--tasks", "balance-1", "--seeds", "0", "--agents", "SHAC", *arguments]
+        monkeypatch.setattr("sys.argv", ["side_by_side.py", "--out", str(tmp_path), *chosen])
+        side_by_side.main()
+
+    monkeypatch.setattr(side_by_side, "run", run)
+    main("--budget", "5")
+    assert "| algorithm | balance-1 | mean |" in capsys.readouterr().out  # no rows of 300 s
+    with pytest.raises(ValueError, match=r"balance-1-SHAC-0.json has .* 5 s, not 300 s: .* --out"):
+        main("--tasks", "balance-2")
+    with pytest.raises(SystemExit):
+        main("--budget", "5", "--publish")
+    assert "--publish needs --budget 300, got 5" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_a_run_side_by_side_whose_file_cannot_be_whole_leaves_none(tmp_path, monkeypatch):
+    pytest.importorskip("sb3_contrib")
+    pytest.importorskip("yaml")
+    import side_by_side
+
+    def replace(*_paths):
+        raise OSError(errno.ENOSPC, "the disk is full")
+
+    monkeypatch.setattr(side_by_side, "run", lambda *_: {"success": 1.0, "seconds": 2.0})
+    monkeypatch.setattr(_files.disk, "replace", replace)
+    monkeypatch.setattr("sys.argv", ["side_by_side.py", "--out", str(tmp_path)])
+    with pytest.raises(OSError, match="the disk is full"):
+        side_by_side.main()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.long

@@ -1,7 +1,9 @@
 """RealAIGym's scores: of a swing-up, and of the time up between knock-downs."""
 
 import csv
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -184,6 +186,34 @@ def test_the_score_is_the_one_in_realaigyms_own_simulator():
             error = np.hypot(ours.std(ddof=1) / 10.0, float(row["standard_error"]))
             assert abs(ours.mean() - float(row["mean"])) < 3.0 * error, row
             assert error < 0.015
+
+
+def test_names_and_folder_are_checked_before_episodes_in_realaigyms_simulator(
+    tmp_path, monkeypatch
+):
+    names = ("get_uptime", "GlobalPolicyTestingControllerV2", "model_parameters",
+             "DoublePendulumPlant", "Simulator")  # fmt: skip
+    theirs = SimpleNamespace(AbstractController=object, **dict.fromkeys(names))
+    for module in (
+        "analysis.leaderboard", "controller.abstract_controller",
+        "controller.global_policy_testing_controller", "model.model_parameters", "model.plant",
+        "simulation.simulation",
+    ):  # fmt: skip
+        monkeypatch.setitem(sys.modules, f"double_pendulum.{module}", theirs)
+    import realaigym
+
+    played, out = [], tmp_path / "new" / "scores.csv"
+    monkeypatch.setattr(realaigym, "their_score", lambda *_: played.append(0.5) or 0.5)
+    scores = SimpleNamespace(uptime=np.array([0.5]))
+    monkeypatch.setattr(realaigym, "recovery", lambda *_, **__: scores)
+    arguments = ["realaigym.py", "--episodes", "1", "--out", str(out), "energy"]
+    monkeypatch.setattr("sys.argv", [*arguments, "enrgy"])
+    with pytest.raises(ValueError, match=r"controller must be .*enrgy"):
+        realaigym.main()
+    assert not played
+    monkeypatch.setattr("sys.argv", arguments)
+    realaigym.main()
+    assert len(out.read_text().splitlines()) == 3
 
 
 def test_delays_and_noise_of_a_controllers_environment_are_kept():

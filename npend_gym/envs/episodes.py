@@ -54,6 +54,7 @@ class Episodes:
     ) -> None:
         self.config: EnvConfig = config
         self.count: int = count
+        self.is_single: bool = False  # whether a mode of the user's own is given plain numbers
         self._max_steps = max_steps
         n, joints, random = config.chain.n, config.joints, config.randomization
         poses = len(Pose) if config.mode.has_goals else 0
@@ -114,6 +115,7 @@ class Episodes:
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
         fresh: Episodes = type(self)(self.config, self.count, self._memory.threads, self._max_steps)
+        fresh.is_single = self.is_single
         fresh.seeds.take(self.seeds)
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
         fresh._kept, fresh.some_altered = self._kept, True
@@ -304,7 +306,7 @@ class Episodes:
         """Write reward, end and success as a mode of the user's own judges."""
         members, results = self._memory.members, self.outputs
         outputs, flags = results.rows[:, : self.count], results.flags[:, : self.count]
-        quantities = results.quantities(of_only_lane=self.count == 1)
+        quantities = results.quantities(of_only_lane=self.is_single)
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         left = left_rail(quantities.rail_position)

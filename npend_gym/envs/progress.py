@@ -114,3 +114,13 @@ def lanes_are_done(done: BoolArray) -> ResetNeeded:
         f"autoreset is disabled and lanes {_checks.show(np.flatnonzero(done).tolist())} are done: "
         'reset them with reset(options={"reset_mask": done})'
     )
+
+
+def check_running(done: BoolArray) -> None:
+    """Raise an error if a state is set while lanes are done: the next step may replace it."""
+    if done.any():
+        raise ValueError(
+            "state must be set while no lane is done, got done lanes "
+            f"{_checks.show(np.flatnonzero(done).tolist())}: reset them first with "
+            'reset(options={"reset_mask": done})'
+        )

@@ -27,7 +27,7 @@ from npend_gym.envs.inputs import (
     reset_mask,
 )
 from npend_gym.envs.picture import Camera
-from npend_gym.envs.progress import CallGuard, Progress
+from npend_gym.envs.progress import CallGuard, Progress, check_running
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.envs.snapshots import States
 
@@ -57,6 +57,7 @@ class Session:
     env_id: str = ENV_ID  # of `gym.make_vec`, for another one like it
     _is_single = False
     _kind: type[Episodes] = Episodes
+    _done: Any = np.zeros(1, np.bool_)  # lanes whose episode is over; a single environment has none
 
     def _open(
         self, config: EnvConfig, render_mode: str | None, lanes: int = 1, threads: int = 1,
@@ -67,6 +68,7 @@ class Session:
         self.render_mode = render_mode
         self.camera: Camera = Camera(render_mode, config)
         self._episodes: Episodes = self._kind(config, lanes, threads, max_steps)
+        self._episodes.is_single = self._is_single
         self._calls = CallGuard()
         if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them
             self.compute_reward: GoalReward = GoalReward(config.mode)
@@ -92,7 +94,7 @@ class Session:
         With a cart, its place [m] and velocity [m/s] follow.
 
         Setting it moves the chain there; pseudo-periods are measured from then on, and time, energy
-        and work count from there.
+        and work count from there. It raises a ValueError while a lane is done, until it is reset.
         """
         self._calls.check(self, "state")
         return self._episodes.angles[0] if self._is_single else self._episodes.angles
@@ -102,6 +104,7 @@ class Session:
         self._calls.check(self, "state")
         shape = self._episodes.count, self.config.state_size
         checked = checked_state(value, shape, self.config.n)
+        check_running(self._done)
         self._calls.begin(self, "state")
         self._episodes.angles = checked
         self._calls.finish()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,9 +38,10 @@ def law_against_n(group: CellGroup) -> Figure:
         n_values, [slowest[n] for n in n_values], color=ORANGE, label="$T_1$, slowest normal mode"
     )
     bottom.axhline(0.0, color=BLACK, linewidth=0.6)
-    top.set(xscale="log", yscale="log", ylabel="pseudo-period [s]", title=_title(group))
+    top.set(xscale="log", yscale="log", ylabel="pseudo-period [s]",
+            title=_title(group, chosen, group.powers))  # fmt: skip
     bottom.set(xlabel="number of pendulums N", ylabel="over the power, less 1")
-    bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
+    bottom.yaxis.set_major_formatter(PercentFormatter(1.0))
     mark_numbers(bottom.xaxis, n_values)
     top.yaxis.set_major_formatter(ScalarFormatter())
     top.yaxis.set_minor_formatter(ScalarFormatter())
@@ -56,7 +58,8 @@ def law_against_amplitude(group: CellGroup) -> Figure:
         largest = max(abs(point.start) for point in law.points)
         start = np.linspace(0.0, largest, 200)
         top.plot(start, law.ratio(start), color=ORANGE, linewidth=2.2, label=_law_label(law))
-    chosen = _spaced([law for law in group.laws if len(law.n_values) == 1])
+    single = [law for law in group.laws if len(law.n_values) == 1]
+    chosen = _spaced(single)
     for k, law in enumerate(chosen):
         starts = np.array([abs(point.start) for point in law.points])
         ratios = [point.ratio for point in law.points]
@@ -68,9 +71,9 @@ def law_against_amplitude(group: CellGroup) -> Figure:
         bottom.plot(starts[order], law.residuals[order], marker + "-", color=color, linewidth=0.7,
                     markersize=4.5)  # fmt: skip
     bottom.axhline(0.0, color=BLACK, linewidth=0.6)
-    top.set(ylabel="pseudo-period / $T_1$", title=_title(group))
+    top.set(ylabel="pseudo-period / $T_1$", title=_title(group, chosen, single))
     bottom.set(xlabel="starting angle a [rad]", ylabel="over the law, less 1")
-    bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=2))
+    bottom.yaxis.set_major_formatter(PercentFormatter(1.0))
     legend_below(figure, top, 2)
     return figure
 
@@ -91,8 +94,10 @@ def residuals(stats: Statistics) -> Figure:
     return figure
 
 
-def _title(group: CellGroup) -> str:
-    return group.label if len(group.label) < 90 else group.label[:87] + "..."
+def _title(group: CellGroup, chosen: Sequence[Any], fits: Sequence[Any]) -> str:
+    title = group.label if len(group.label) < 90 else group.label[:87] + "..."
+    few = len(chosen) < len(fits)
+    return title + f"\n{len(chosen)} of {len(fits)} fits drawn" * few
 
 
 def _law_label(law: AmplitudeLaw) -> str:

@@ -119,6 +119,21 @@ def cell_rows(analysis: Analysis) -> list[dict[str, Any]]:
     ]
 
 
+def _notes(analysis: Analysis) -> list[str]:
+    """Return sentences about the bobs that completed, and about what is not fitted or drawn."""
+    plan, stats = analysis.plan, analysis.statistics
+    bobs = stats.releases.reshape(plan.shape[0], -1).sum(axis=1) @ np.ravel(plan.n)
+    notes = [f"{int(stats.completed.sum())} of {bobs} bobs completed"]
+    if left_out := np.count_nonzero(stats.unknown):
+        notes.append(
+            f"fits leave out {left_out} of {plan.cells} cells, because too few bobs completed: "
+            'a longer --duration (or "duration" in the plan) brings them in'
+        )
+    if len(analysis.groups) > _DRAWN:
+        notes.append(f"figures of the first {_DRAWN} of {len(analysis.groups)} groups")
+    return notes
+
+
 def _text(value: Any) -> Any:
     return " ".join(map(str, value)) if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
 
@@ -190,6 +205,7 @@ def page(analysis: Analysis, rows: dict[str, list[dict[str, Any]]], pictures: li
         "plan": json.dumps(plan.as_dict()),
         "far": f"{FAR:g}",
         "outlier_count": stats.outlier_count,
+        "notes": "; ".join(_notes(analysis)),
     }
     encoded = {path.stem: base64.b64encode(path.read_bytes()).decode() for path in pictures}
     shown = (
@@ -222,12 +238,14 @@ def _table(rows: list[dict[str, Any]]) -> str:
 def analysis_text(analysis: Analysis) -> str:
     """Return the fits as text for the terminal."""
     stats = analysis.statistics
+    completed, *others = _notes(analysis)
     lines = [
         (
             f"{int(stats.releases.sum())} of {analysis.plan.releases} releases, "
-            f"{int(stats.completed.sum())} bobs completed, {stats.outlier_count} outliers, "
+            f"{completed}, {stats.outlier_count} outliers, "
             f"{len(analysis.status.failed)} failed tasks"
-        )
+        ),
+        *others,
     ]
     for group in analysis.groups:
         lines += ["", group.label]
@@ -241,6 +259,6 @@ def analysis_text(analysis: Analysis) -> str:
             exact = "" if law.exact is None else f" (exact {law.exact:.4f})"
             lines.append(
                 f"  N = {' '.join(map(str, law.n_values))}: c = {law.c}{exact}, b = {law.b}, "
-                f"d = {law.d}, residuals up to {np.abs(law.residuals).max():.2%}"
+                f"d = {law.d}, residuals up to {100.0 * np.abs(law.residuals).max():.2g}%"
             )
     return "\n".join(lines)

@@ -70,13 +70,16 @@ def errors(result: Identification) -> Figure:
     for held, color, text in ((False, SKY, "segments fitted"), (True, BLUE, "held out")):
         places = [k for k, one in enumerate(segments) if one["held_out"] is held]
         rmse = [1e3 * segments[k]["rmse"] for k in places]
-        axes.plot(places, rmse, "o", color=color, markersize=5, label=f"{text}, fitted chain")
+        if places:
+            axes.plot(places, rmse, "o", color=color, markersize=5, label=f"{text}, fitted chain")
     places = [k for k, one in enumerate(segments) if one["held_out"]]
     given = [1e3 * segments[k]["given_rmse"] for k in places]
-    axes.plot(places, given, "_", color=ORANGE, markersize=9, markeredgewidth=2,
-              label="held out, given chain")  # fmt: skip
-    axes.set(yscale="log", xlabel="segment, in the order of the data", ylabel="RMSE [mrad]")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    if places:
+        axes.plot(places, given, "_", color=ORANGE, markersize=9, markeredgewidth=2,
+                  label="held out, given chain")  # fmt: skip
+    axes.set(yscale="log", xlabel="segment, in the order of the data", ylabel="RMSE [mrad]",
+             xlim=(-0.5, len(segments) - 0.5))  # fmt: skip
+    axes.xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(ScalarFormatter())
     legend_below(figure, axes, 3)
@@ -95,7 +98,7 @@ def parameters(result: Identification) -> Figure:
     relative = 100.0 * result.standard_errors[known] / size[known]
     left.plot(relative, k[known], "o", color=BLUE)
     for place in k[~known]:
-        text = "at its bound" if result.standard_errors[place] == 0.0 else "not determined"
+        text = "not determined" if np.isinf(result.standard_errors[place]) else "at its bound"
         left.annotate(text, (0.03, place), xycoords=("axes fraction", "data"), va="center")
     left.set(xscale="log", xlabel="standard error [% of the value]", ylim=(k[-1] + 0.6, -0.6))
     left.set_yticks(k, result.names)

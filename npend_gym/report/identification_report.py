@@ -30,11 +30,9 @@ def identification_text(result: Identification) -> str:
         f"{'fitted value':<18}{'':>12}   standard error",
     ]
     for name, unit, value, error in result.rows():
-        if error == 0.0:
-            spread = "at its bound"
-        else:
-            spread = f"{error:.2g}" if math.isfinite(error) else "not determined"
-        lines.append(f"{name:<18}{value:>12.6g}   {spread:<14} {unit}")
+        spread = f"{error:.2g}" if math.isfinite(error) else "not determined"
+        bound = ", at its bound" * (value == 0.0 and math.isfinite(error))
+        lines.append(f"{name:<18}{value:>12.6g}   {spread:<14} {unit}{bound}")
     lines += ["", f"chain: {result.chain!r}", "", "not determined by the data:"]
     lines += [f"  - {sentence}" for sentence in result.undetermined]
     return "\n".join(lines)

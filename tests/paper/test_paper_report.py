@@ -155,8 +155,8 @@ def test_the_command_lists_its_keys(capsys):
         ("--only eom --threads 3", "--threads is an option of com-law"),
         ("--only com-law --out new --n 0", "n must be between"),
         ("--only com-law --out new --amplitudes 0", "amplitudes must be greater than zero"),
-        ("--only com-law --out new --amplitudes 3.2", "amplitudes must lie within pi"),
-        ("--only com-law --amplitudes 0.1,60", "within pi rad, got 60: 60 degrees are"),
+        ("--only com-law --out new --amplitudes 3.2", "amplitudes must lie within pi/2"),
+        ("--only com-law --amplitudes 0.1,60", "within pi/2 rad, got 60: 60 degrees are"),
         ("--only com-law --out new --threads 0", "threads must be between 1 and"),
     ],
 )
@@ -186,6 +186,24 @@ def test_what_was_found_is_kept_when_the_rest_fails(
     assert message in captured.err
     assert "1 finding: 1 is not decidable" in captured.out
     assert json.loads((tmp_path / "manifest.json").read_text())["complete"] is False
+
+
+def test_ctrl_c_among_tables_and_figures_leaves_the_law_and_the_audit(
+    tmp_path, capsys, monkeypatch
+):
+    def stopped(*_args, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report, "call", stopped)
+    arguments = ["--only", "t0-digits,com-law", "--n", "2", "--amplitudes", "0.3"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 130
+    captured = capsys.readouterr()
+    assert "interrupted" in captured.err
+    for folder, name, complete in (("com-law", "law.csv", True), ("", "audit.md", False)):
+        manifest = json.loads((tmp_path / folder / "manifest.json").read_text())
+        assert manifest["complete"] is complete
+        assert name in manifest["sha256"]
+        assert str(tmp_path / folder / name) in captured.out
 
 
 def test_ctrl_c_ends_the_study_with_130(capsys):

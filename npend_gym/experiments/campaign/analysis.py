@@ -1,7 +1,8 @@
 """The law that the releases of a campaign follow, fitted against N and the amplitude.
 
-The period T of a cell is the mean, over its releases, of the median over the bobs. Cells differing
-only in n, amplitude and spread make a group. Two laws are fitted to a group:
+The period T of a cell is the mean, over its releases, of the median over the bobs. A bob that does
+not complete is slower than those that do. Fits leave out a cell if a median of it is unknown. Cells
+differing only in n, amplitude and spread make a group. Two laws are fitted to a group:
 
     T ~ (N + 1/2)^p                          at each amplitude with at least three N,
     T = c T1(N) [1 + b a^2 / (1 + d a^2)]    for each N, and for all N from ten up together.
@@ -169,7 +170,8 @@ def _groups(plan: CampaignPlan, stats: Statistics) -> Iterator[CellGroup]:
         cell = plan.cell(index)
         chain = plan.chain_of(cell)
         fundamental = theory.fundamental_period(chain) if chain.is_hung else np.nan
-        if np.isfinite(stats.median[index]) and np.isfinite(fundamental):
+        known = np.isfinite(stats.median[index]) and not stats.unknown[index]
+        if known and np.isfinite(fundamental):
             key = tuple((name, cell[name]) for name in _GROUPED if name in cell)
             point = CellResult(
                 index, cell["n"], cell["amplitude"], cell["spread"], float(stats.start[index]),

@@ -55,9 +55,9 @@ def _releases(plan: CampaignPlan, task: Task, starts: FloatArray, periods: Float
     done = np.isfinite(periods)
     count = done.sum(axis=1)
     total = np.where(done, periods, 0.0).sum(axis=1)
-    ordered = np.sort(periods, axis=1)  # NaN last
-    rows = np.arange(len(periods))
-    median = 0.5 * (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2])
+    ordered = np.sort(periods, axis=1)  # NaN last: a bob that does not complete is the slowest
+    n = periods.shape[1]
+    median = 0.5 * (ordered[:, (n - 1) // 2] + ordered[:, n // 2])
     return pa.table(
         {
             "cell": cell,

@@ -47,6 +47,8 @@ class Statistics:
         Releases measured.
     completed : ndarray of int, shape (C,)
         Bobs that completed in them.
+    unknown : ndarray of int, shape (C,)
+        Releases without a median, because half of the bobs or fewer completed.
     start : ndarray, shape (C,)
         Mean starting angle [rad] of the releases that have a median; NaN where there are none.
     mean, median, tip : ndarray, shape (C,)
@@ -66,6 +68,7 @@ class Statistics:
 
     releases: NDArray[np.int64]
     completed: NDArray[np.int64]
+    unknown: NDArray[np.int64]
     start: FloatArray
     mean: FloatArray
     median: FloatArray
@@ -136,8 +139,11 @@ def statistics(plan: CampaignPlan, parts: dict[str, Path]) -> Statistics:
     count = counts[:, _COLUMNS.index("median_s")]
     scatter = np.sqrt(squares / np.where(count > 3, count - 3, np.nan))
     far = _far(_cell_rows(plan, parts), parabola, scatter, count)
+    unknown = releases - count.astype(np.int64)
     start, mean, median, tip = means.T
-    return Statistics(releases, completed, start, mean, median, tip, parabola, scatter, *far)
+    return Statistics(
+        releases, completed, unknown, start, mean, median, tip, parabola, scatter, *far
+    )  # fmt: skip
 
 
 def _far(

@@ -105,9 +105,9 @@ def evaluate(
     ------
     ValueError, TypeError
         If an argument or a keyword breaks its rule; if the environment shows another `observation`
-        than a policy was trained on; if a wrapper changes observations or actions in
-        a way that is not known; or if a model was trained with a `VecNormalize` with which it was
-        not loaded, as far as the model shows that it had one.
+        than a policy was trained on, or has other motors; if a wrapper changes observations or
+        actions in a way that is not known; or if a model was trained with a `VecNormalize` with
+        which it was not loaded, as far as the model shows that it had one.
 
     Examples
     --------
@@ -120,7 +120,10 @@ def evaluate(
     setting = setting_of(env)
     envs = setting.make(_checks.count("episodes", episodes))
     if envs.unwrapped.max_episode_steps is None:
-        raise ValueError("max_episode_steps must be a number, so that every episode ends; got None")
+        raise ValueError(
+            "max_episode_steps must be a number, so that every episode ends; got None: give a "
+            "dict env with it, or an environment in gymnasium.wrappers.TimeLimit"
+        )
     config = envs.unwrapped.config
     controller = as_controller(model, config, setting.wrappers)
     returns, work, last_failure = np.zeros((3, episodes))

@@ -8,6 +8,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.wrappers.vector import NormalizeObservation
 from numpy.typing import NDArray
 
 from npend_gym import _checks
@@ -38,7 +39,7 @@ def as_controller(
     if not wrappers:
         _check_observation(model, config)
     if not hasattr(model, "predict"):
-        if not callable(model):
+        if not (callable(model) and _takes_two(model)):
             raise TypeError(
                 "model must be callable as model(observation, info), or have the method predict of "
                 f"Stable-Baselines3; got {_checks.show(model)}"
@@ -53,10 +54,21 @@ def as_controller(
     return Behind(Predicting(model), wrappers)
 
 
-def _check_observation(model: Any, config: EnvConfig) -> None:
-    """Raise an error if a model has an `env`, as a `Policy` has, with another `observation`.
+def _takes_two(model: Any) -> bool:
+    """Return whether a model can be called with an observation and an info."""
+    try:
+        inspect.signature(model).bind(None, None)
+    except TypeError:
+        return False
+    except ValueError:  # compiled, without a signature
+        pass
+    return True
 
-    The number of entries is often the same.
+
+def _check_observation(model: Any, config: EnvConfig) -> None:
+    """Raise an error if a `Policy` was trained with another `observation` or other motors.
+
+    The numbers of entries and of actions are often the same.
     """
     env = getattr(model, "env", None)
     keywords = cast("Mapping[str, Any]", env if isinstance(env, Mapping) else {})
@@ -71,6 +83,14 @@ def _check_observation(model: Any, config: EnvConfig) -> None:
             f"observation must be {trained!r}, on which the policy was trained, got "
             f'{config.observation!r}: give the policy\'s keywords, policy.env | {{"id": ...}}'
         )
+    own: Any = getattr(model, "config", None) if keywords else None
+    if isinstance(own, EnvConfig) and (own.n, own.has_cart) == (config.n, config.has_cart):
+        motors, others = (c.joints[c.joints < c.n].tolist() for c in (own, config))
+        if motors != others:
+            raise ValueError(
+                f"actuated must be {tuple(motors)}, with which the policy was trained, got "
+                f"{tuple(others)}: give the policy's keywords, policy.env | {{...}}"
+            )
 
 
 def check_space(model: Any, config: EnvConfig) -> None:
@@ -129,12 +149,14 @@ def _without_statistics(model: Any) -> ValueError:
         "the model must have the statistics of its observations, because it was trained with "
         "VecNormalize: load it with them, "
         f"{type(model).__name__}.load(path, env=VecNormalize.load(path_of_statistics, venv)), "
-        f"{WAY_OUT}"
+        f"give NormalizeObservation the obs_rms of the training, {WAY_OUT}"
     )
 
 
 def _is_new(wrapper: Any) -> bool:
     """Return whether a wrapper normalises by statistics of no observation at all."""
+    if isinstance(wrapper, NormalizeObservation):
+        return cast("Any", wrapper).obs_rms.count < 1.0
     if not is_normalizing(wrapper) or not wrapper.norm_obs:
         return False
     kept, keys = wrapper.obs_rms, wrapper.norm_obs_keys  # keys of a Dict, else None

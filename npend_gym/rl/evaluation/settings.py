@@ -28,6 +28,7 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _PUSHES = {"push_rate", "push_force"}
+_LIMIT = "_max_episode_steps"  # of gymnasium.wrappers.TimeLimit
 _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 
@@ -118,6 +119,8 @@ def setting_of(env: EnvLike) -> Setting:
     if not isinstance(config, EnvConfig):
         raise _no_setting(env)
     steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
+    limits: list[Any] = [getattr(each, _LIMIT, None) for each in layers_of(env)]
+    steps = steps or min((limit for limit in limits if limit), default=None)
     steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
     keywords = keywords_of(config) | {"max_episode_steps": steps}
     return Setting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))

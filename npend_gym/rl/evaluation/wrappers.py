@@ -29,6 +29,15 @@ _HARMLESS = {
     "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo", "RenderCollection",
     "RewardWrapper", "TimeLimit", "TransformReward", "Wrapper",
 }  # fmt: skip
+# The same of vector environments, and those whose changes of observations or actions are known
+_KNOWN = {
+    "DictInfoToList", "HumanRendering", "NormalizeObservation", "NormalizeReward",
+    "RecordEpisodeStatistics", "RecordVideo", "VecCheckNan", "VecEnv", "VecEnvWrapper",
+    "VecFrameStack", "VecMonitor", "VecNormalize", "VecVideoRecorder", "VectorActionWrapper",
+    "VectorObservationWrapper", "VectorRewardWrapper", "VectorWrapper",
+    "VectorizeTransformObservation",
+}  # fmt: skip
+_STEPPING = "step", "step_async", "step_wait", "reset"
 _WRAPPERS: Any = gym.Wrapper, VectorWrapper
 _OF_MANY: Any = VectorObservationWrapper, VectorActionWrapper
 _Change = Callable[[Any, BoolArray], Any]
@@ -49,9 +58,11 @@ def changing_wrappers(env: Any) -> tuple[Any, ...]:
     found: list[Any] = []
     layer: Any = None
     for layer in layers_of(env):
+        if _changes_step(layer):
+            raise _unknown(type(layer).__name__)
         if is_normalizing(layer) or _is_stacking(layer) or isinstance(layer, _OF_MANY):
             found.insert(0, layer)
-        elif _has_other_spaces(layer) or _changes_step(layer):
+        elif _has_other_spaces(layer):
             raise _unknown(type(layer).__name__)
     for name in _in_other_processes(layer):
         if name not in _HARMLESS:
@@ -60,9 +71,13 @@ def changing_wrappers(env: Any) -> tuple[Any, ...]:
 
 
 def _changes_step(layer: Any) -> bool:
-    """Return whether a wrapper of a single environment has a `step` that is not known."""
-    owners = (kind.__name__ for kind in type(layer).__mro__ if "step" in vars(kind))
-    return isinstance(layer, gym.Wrapper) and next(owners) not in _HARMLESS
+    """Return whether a wrapper has a `step` or `reset` that is not known."""
+    kinds = {kind.__name__: vars(kind) for kind in type(layer).__mro__}
+    if not (isinstance(layer, _WRAPPERS) or "VecEnvWrapper" in kinds):
+        return False
+    known = _HARMLESS if isinstance(layer, gym.Wrapper) else _KNOWN
+    owners = (next((kind for kind in kinds if name in kinds[kind]), None) for name in _STEPPING)
+    return any(owner not in known for owner in owners if owner is not None)
 
 
 def _in_other_processes(base: Any) -> list[str]:
