@@ -212,3 +212,19 @@ def test_what_is_no_event_is_refused_when_it_is_made(given, error, message):
 def test_many_motions_have_no_slices():
     with pytest.raises(TypeError, match="slice"):
         simulate(Chain.uniform(2), np.zeros((3, 2)), 0.0, [0.0, 1.0])[0:2]
+
+
+def test_states_between_are_refused_where_a_function_returns_something_else_than_before():
+    gains = {"damping": 1.0}
+
+    def torque(_, __, omega):
+        return -gains["damping"] * omega[0]
+
+    path = simulate(Chain.uniform(2), 1.0, 0.0, [0.0, 2.0], torque=torque)
+    gains["damping"] = 5.0
+    with pytest.raises(
+        ValueError, match="a function of it returns something else than in simulate"
+    ):
+        path.at([1.0])
+    gains["damping"] = 1.0
+    np.testing.assert_allclose(path.at([2.0])[0][0], path.theta[-1], atol=1e-12)

@@ -13,6 +13,8 @@ from npend_gym.physics.recipe import AT_REST, motion_of
 from npend_gym.physics.signals import varies
 from npend_gym.physics.trajectory import Trajectory
 
+_ROUNDING = 1e-9  # of the polynomial on the last step, at its end
+
 
 def at(trajectory: Trajectory, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return angles and angular velocities at any instants: the dense output.
@@ -29,7 +31,8 @@ def at(trajectory: Trajectory, times: ArrayLike) -> tuple[FloatArray, FloatArray
     Raises
     ------
     ValueError, TypeError
-        If an instant lies outside, or the motion was not made by `simulate`.
+        If an instant lies outside, the motion was not made by `simulate`, or it does not end where
+        its functions lead now.
 
     Notes
     -----
@@ -115,5 +118,17 @@ def states_at(trajectory: Trajectory, times: ArrayLike) -> FloatArray:
         motion, state = retaken(trajectory)
         if first == last:
             return np.broadcast_to(state, (*given.shape, state.size))
-        kept["_steps"] = motion.steps(trajectory.times)
+        steps = motion.steps(trajectory.times)
+        if trajectory.status == 0:  # no event ended the motion: the same steps lead to its end
+            _check_same(steps.at(np.array(last)), trajectory)
+        kept["_steps"] = steps
     return kept["_steps"].at(given)
+
+
+def _check_same(reached: FloatArray, trajectory: Trajectory) -> None:
+    if not np.allclose(reached, state_of(trajectory, -1), rtol=_ROUNDING, atol=_ROUNDING):
+        raise ValueError(
+            "the trajectory does not end where its start and settings lead: it was changed, or a "
+            "function of it returns something else than in simulate(); simulate it again, with "
+            "values bound in the function (lambda t, theta, omega, gain=gain: ...)"
+        )
