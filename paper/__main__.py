@@ -141,9 +141,7 @@ def run(options: dict[str, Any]) -> int:
         written += law_tables.write_law(grid, cells, limits, out / LAW, complete=code == OK)
     if findings and out is not None:
         try:
-            written.extend(
-                report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw())
-            )
+            report.write(findings, out, written, only=only, kane_n=kane_n, figures=can_draw())
         except KeyboardInterrupt:
             code, trouble = INTERRUPTED, _STOPPED
     if written and "json" not in options:

@@ -3,7 +3,7 @@
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -150,36 +150,36 @@ def _escaped(text: str) -> str:
 
 
 def write(
-    findings: Sequence[Finding], out: Path, *, only: Sequence[str] | None = None,
-    kane_n: int = KANE_N, figures: bool,
-) -> Iterator[Path]:  # fmt: skip
-    """Write findings, tables, manifest and (with `figures`) pictures into `out`; yield each file.
+    findings: Sequence[Finding], out: Path, written: list[Path], *,
+    only: Sequence[str] | None = None, kane_n: int = KANE_N, figures: bool,
+) -> None:  # fmt: skip
+    """Write findings, tables, manifest and (with `figures`) pictures into `out`.
 
     Tables and figures are those that belong to the findings. Each file appears whole, by rename;
     the manifest, with the digests of the others, comes last. An error or an interruption leaves
-    out the tables and figures that are missing.
+    out the tables and figures that are missing. The paths are added to `written`, also then.
     """
     prepare_folder(out)
-    written = [write_csv(out / "findings.csv", audit_rows(findings))]
+    made = [write_csv(out / "findings.csv", audit_rows(findings))]
     keys = {finding.key for finding in findings}
     drawn: list[str] = []
     complete = False
     try:
         for name, table in TABLES.items():
             if table.claim in keys:
-                written.append(write_csv(out / f"{name}.csv", call(table.rows, kane_n=kane_n)))
+                made.append(write_csv(out / f"{name}.csv", call(table.rows, kane_n=kane_n)))
         for name, one in DRAWINGS.items():
             if figures and one.claim in keys:
-                written += draw(name, out / "images", kane_n=kane_n)
+                made += draw(name, out / "images", kane_n=kane_n)
                 drawn.append(name)
         complete = len(findings) == len(selected(only))
     finally:
         with _files.replacing(out / "audit.md") as file:
             file.write(audit_markdown(findings, drawn))
-        written.append(out / "audit.md")
+        made.append(out / "audit.md")
         arguments: dict[str, Any] = {"only": only, "kane_n": kane_n}
-        yield from written
-        yield write_manifest(out, "paper", arguments, written, complete=complete)
+        made.append(write_manifest(out, "paper", arguments, made, complete=complete))
+        written += made
 
 
 def draw(name: str, out: Path, **options: Any) -> list[Path]:

@@ -120,15 +120,17 @@ def states_at(trajectory: Trajectory, times: ArrayLike) -> FloatArray:
             return np.broadcast_to(state, (*given.shape, state.size))
         steps = motion.steps(trajectory.times)
         if trajectory.status == 0:  # no event ended the motion: the same steps lead to its end
-            _check_same(steps.at(np.array(last)), trajectory)
+            check_same(steps.at(np.array(last)), trajectory, _ROUNDING)
         kept["_steps"] = steps
     return kept["_steps"].at(given)
 
 
-def _check_same(reached: FloatArray, trajectory: Trajectory) -> None:
-    if not np.allclose(reached, state_of(trajectory, -1), rtol=_ROUNDING, atol=_ROUNDING):
+def check_same(reached: FloatArray, trajectory: Trajectory, rounding: float = 0.0) -> None:
+    """Raise a ValueError if a motion, integrated once more, reaches another state at its end."""
+    if not np.allclose(reached, state_of(trajectory, -1), rtol=rounding, atol=rounding):
         raise ValueError(
-            "the trajectory does not end where its start and settings lead: it was changed, or a "
-            "function of it returns something else than in simulate(); simulate it again, with "
-            "values bound in the function (lambda t, theta, omega, gain=gain: ...)"
+            "the trajectory does not end where its start and settings lead: it was changed, or "
+            "made by another version, or an event ended it, or a function of it returns something "
+            "else than in simulate(); simulate it again, with values bound in the function "
+            "(lambda t, theta, omega, gain=gain: ...)"
         )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.physics.arguments import check_inputs
-from npend_gym.physics.dense import retaken, state_of
+from npend_gym.physics.dense import check_same, retaken
 from npend_gym.physics.directions import by_names, check_directions, check_names, row_count
 from npend_gym.physics.kernels import dop853, rk4
 from npend_gym.physics.kernels.driven import AFTER_TORQUES, Sampled, Torque
@@ -222,7 +222,7 @@ def sensitivities(
     carried = carry(motion, trajectory.times, states, loads, changed, names=parameters or ())
     for where, frames, tape in carried:
         whole[where], reached = frames, tape.after
-    _check_same(reached, trajectory)
+    check_same(reached, trajectory)
     columns = whole.swapaxes(1, 2)
     return Sensitivities(*np.split(columns, [state.size, last], axis=2))
 
@@ -280,7 +280,7 @@ def gradient(
                 f"the states at the beginning of all steps must take at most {_MAX_BYTES:.2g} "
                 "bytes: simulate the motion in segments"
             )
-    _check_same(kept[-1].after if kept else state, trajectory)
+    check_same(kept[-1].after if kept else state, trajectory)
     while kept:
         tape = kept.pop()
         rods = Rods(chain, mass, tape.loads)
@@ -308,15 +308,6 @@ def _retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
     motion, state = retaken(trajectory)
     motion.drives.check_time_alone(float(trajectory.times[0]), *np.split(state, 2))
     return motion, state
-
-
-def _check_same(reached: FloatArray, trajectory: Trajectory) -> None:
-    """Refuse derivatives of a motion that does not lead where the trajectory does."""
-    if not np.array_equal(reached, state_of(trajectory, -1)):
-        raise ValueError(
-            "the trajectory does not end where its start and settings lead: it was changed, or "
-            "made by another version, or an event ended it; simulate it again"
-        )
 
 
 def _check_finite(derivatives: FloatArray, time: float) -> None:

@@ -7,9 +7,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-_DAMPING = 1e-4  # over the mean of what is inverted: less is lost in single precision
-_MOMENTUM = 0.97  # of the change before, what is left where a minibatch says nothing
-_LARGEST = 0.1  # error that counts in full: what cannot be learned must not disturb the rest
+_DAMPING = 1e-4  # over the mean of the kernel's diagonal; single precision needs this much
+_MOMENTUM = 0.97  # share of the last change in a step
+_LARGEST = 0.1  # larger errors count as this one: some states cannot be learned
 
 
 class Optimizer:
