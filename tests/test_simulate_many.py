@@ -14,6 +14,7 @@ import npend_gym
 from npend_gym import Cart, Chain, Event, IntegrationError, Signal, simulate
 from npend_gym.physics import accelerations
 from npend_gym.physics.motion import Motion
+from npend_gym.physics.trajectory import STATE
 
 pytestmark = pytest.mark.long  # three more kernels are compiled
 
@@ -191,6 +192,25 @@ def test_dense_output_after_a_terminal_event_ends_there():
     np.testing.assert_allclose(motion.at(0.9 * end)[0], whole.at(0.9 * end)[0], rtol=0, atol=1e-9)
     with pytest.raises(ValueError, match="within the motion"):
         motion.at(end + 0.1)
+
+
+@pytest.mark.parametrize("options", METHODS.values(), ids=METHODS)
+@pytest.mark.parametrize("chain", [DOUBLE, ON_CART, SPRINGS_ON_CART], ids=lambda chain: f"{chain}")
+def test_a_motion_among_many_goes_up_to_its_event_as_one_alone_does(chain, options, tmp_path):
+    options = {"events": Event("angle", 0, 0.3, terminal=True), **options}
+    starts, times = np.array([[1.0, 1.0], [0.01, 0.01]]), [0.0, 1.0, 2.0]
+    many = simulate(chain, starts, 0.0, times, **options)
+    many.save(tmp_path / "many.npz")
+    for again in (many, npend_gym.Trajectory.load(tmp_path / "many.npz")):
+        for k, start in enumerate(starts):
+            alone = simulate(chain, start, 0.0, times, **options)
+            for name in ("times", *STATE, "t_events", "theta_events", "omega_events"):
+                assert_same(getattr(again[k], name), getattr(alone, name))
+            assert_same(again[k].at(alone.times), alone.at(alone.times))
+        end = many.t_events[0][0][0]
+        np.testing.assert_array_equal(again.at([0.1, end])[0][0], again[0].at([0.1, end])[0])
+        with pytest.raises(ValueError, match=rf"ended motion 0 at {end:g} s, got 1\.5 s; .*\[k\]"):
+            again.at([0.1, 1.5])
 
 
 def test_many_motions_come_back_from_a_file(tmp_path, starts):

@@ -11,7 +11,7 @@ from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.motion import MAX_BYTES, Motion, TakenSteps
 from npend_gym.physics.recipe import AT_REST, motion_of
 from npend_gym.physics.signals import varies
-from npend_gym.physics.trajectory import Trajectory
+from npend_gym.physics.trajectory import STATE, Trajectory
 
 _ROUNDING = 1e-9  # of the polynomial on the last step, at its end
 
@@ -70,7 +70,14 @@ def _halves(trajectory: Trajectory, times: ArrayLike) -> list[FloatArray]:
     kept, states, size = trajectory.__dict__, list[FloatArray](), 0
     if "_steps" not in kept:
         kept["_steps"] = [trajectory[k] for k in range(len(trajectory))]
-    for own in kept["_steps"]:
+    latest = np.max(_checks.array("times", times), initial=-np.inf)
+    for k, own in enumerate(kept["_steps"]):
+        if own.status and latest > own.times[-1]:
+            raise ValueError(
+                f"times must lie within every motion: an event ended motion {k} at "
+                f"{own.times[-1]:g} s, got {latest:g} s; ask each up to its end, "
+                "trajectory[k].at(times)"
+            )
         states.append(states_at(own, times))
         steps: TakenSteps | None = own.__dict__.get("_steps")
         size += 0 if steps is None else steps.polynomials.nbytes
@@ -81,8 +88,7 @@ def _halves(trajectory: Trajectory, times: ArrayLike) -> list[FloatArray]:
 
 def state_of(trajectory: Trajectory, k: int) -> FloatArray:
     """Return the coordinates, then their rates, at ``times[k]`` of one motion, (2m,)."""
-    names = "theta", "position", "stretch", "omega", "velocity", "stretch_rate"
-    parts = (getattr(trajectory, name) for name in names)
+    parts = (getattr(trajectory, name) for name in STATE)
     return np.concatenate([np.atleast_1d(part[k]) for part in parts if part is not None])
 
 

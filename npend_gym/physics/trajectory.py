@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,10 +16,11 @@ from npend_gym._checks import FloatArray
 from npend_gym._faces import MethodFromAbove
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.mechanism import AXIAL, PIVOT
 from npend_gym.physics.recipe import Recipe
 
 EVENTS = ("t_events", "theta_events", "omega_events")
+# The parts of a state in their order: all coordinates, then their rates
+STATE = ("theta", "position", "stretch", "omega", "velocity", "stretch_rate")
 _STAGES, _DENSE = 12, 3  # evaluations in a step, and more for dense output
 
 IntArray = NDArray[np.int64]
@@ -33,8 +35,9 @@ def _each_chain(method: Callable[[Trajectory], FloatArray]) -> Callable[[Traject
             return method(self)
         each = [method(self[k]) for k in range(len(self))]
         found = np.full((len(each), self.times.size, *each[0].shape[1:]), np.nan)
-        for own, rows in zip(each, found, strict=True):
-            rows[: len(own)] = own
+        for own, rows, theta in zip(each, found, self.theta, strict=True):
+            last = int(np.isfinite(theta).all(axis=1).sum())  # the end stands between two times
+            rows[:last] = own[:last]
         return found
 
     return of_each
@@ -72,6 +75,9 @@ class Trajectory:
         Steps taken, steps refused, and steps in which states were interpolated.
     chains : tuple of Chain
         That of each motion, where they differ.
+    ends : ndarray, shape (B, 1 + 2m)
+        The instant and the state at which a terminal event ended each of many motions; NaN for
+        those that none ended, None where that is all of them.
 
     Notes
     -----
@@ -107,6 +113,7 @@ class Trajectory:
     omega_events: list[Any] = field(default_factory=list[Any])
     counts: IntArray | None = field(default=None, repr=False)
     chains: tuple[Chain, ...] = field(default=(), repr=False)
+    ends: FloatArray | None = field(default=None, repr=False)
 
     at = MethodFromAbove("npend_gym.physics.dense:at")  # type: ClassVar[Any]
     cart_at = MethodFromAbove("npend_gym.physics.dense:cart_at")  # type: ClassVar[Any]
@@ -167,12 +174,19 @@ class Trajectory:
             raise IndexError(f"motion must be from {-count} to {count - 1}, got {k}")
         status = int(np.broadcast_to(self.status, count)[k])
         last = int(np.isfinite(self.theta[k]).all(axis=1).sum()) if status else None
+        end = self.ends[k] if status and self.ends is not None else None
+        if end is not None:
+            last = int((self.times < end[0]).sum())
         own: dict[str, Any] = {name: [each[k] for each in getattr(self, name)] for name in EVENTS}
-        for name in ("theta", "omega", *PIVOT, *AXIAL):
-            many = getattr(self, name)
-            own[name] = None if many is None else many[k][:last]
+        for name in ("times", *STATE):
+            many: FloatArray | None = getattr(self, name)
+            rows = None if many is None else (many if name == "times" else many[k])[:last]
+            if end is not None and rows is not None:
+                part, end = np.split(end, [math.prod(rows.shape[1:])])
+                rows = np.append(rows, part.reshape(1, *rows.shape[1:]), axis=0)
+            own[name] = rows
         return Trajectory(
-            self.chains[k] if self.chains else self.chain, self.times[:last], **own,
+            self.chains[k] if self.chains else self.chain, **own,
             provenance=self.provenance, status=status,
             recipe=self.recipe and self.recipe.of_motion(k),
             counts=None if self.counts is None else self.counts[:, k],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from itertools import count, takewhile
 from os import PathLike
 from pathlib import Path
@@ -48,11 +49,9 @@ def save(motion: Trajectory, path: str | PathLike[str]) -> None:
             "recipe": made and made._replace(**drives)._asdict(),
         }
     )
-    names = ("times", "theta", "omega", *PIVOT, *AXIAL)
+    names = ("times", "theta", "omega", *PIVOT, *AXIAL, "counts", "ends")
     arrays = {name: getattr(motion, name) for name in names}
     arrays = {name: array for name, array in arrays.items() if array is not None}
-    if motion.counts is not None:
-        arrays["counts"] = motion.counts
     arrays["status"] = np.array(motion.status)
     for name in EVENTS:
         for k, found in enumerate(getattr(motion, name)):
@@ -160,6 +159,11 @@ def _read(path: Path) -> Trajectory:
         beyond["counts"] = counts
     if status.dtype.kind != "i" or status.shape not in ((), many) or np.any((status | 1) != 1):
         raise ValueError(f"status must hold 0 or 1 for each motion, got {_checks.show(status)}")
+    if "ends" in data:
+        beyond["ends"] = ends = _numbers(data, "ends", status)
+        shape = (*many, 1 + sum(map(math.prod, widths.values())))
+        if ends.shape != shape or np.any(np.isfinite(ends) != (status[..., None] == 1)):
+            raise ValueError(f"ends must be {shape[-1]} numbers for each motion that ended")
     chains = tuple(Chain.from_dict(each) for each in about.get("chains", []))
     if chains and ((len(chains),) != many or chains[0] != chain):
         raise ValueError(f"chains must be one for each motion, chain the first, got {len(chains)}")
