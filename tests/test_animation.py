@@ -162,6 +162,13 @@ def test_a_gif_refuses_pictures_that_would_stand_longer_than_its_delays_can_say(
         assert image.info["duration"] == pytest.approx(1000.0 / 0.00153, abs=10.0)
 
 
+def test_a_gif_refuses_a_chain_that_stands_still_for_longer(tmp_path):
+    still = simulate(Chain.uniform(1), 0.0, 0.0, np.linspace(0.0, 700.0, 36))
+    with pytest.raises(ValueError, match=r"stand still for more than 655 s in a GIF: write an"):
+        still.animate(tmp_path / "a.gif", size=120, fps=0.05)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("change", [{"fps": 1e12}, {"speed": 1e-12}])
 def test_a_film_of_more_pictures_than_anyone_can_hold_is_refused_before_it_is_made(change):
     with pytest.raises(ValueError, match=r"at most 20000000 angles.*lower fps or raise speed"):

@@ -14,7 +14,7 @@ from interrupt import Interrupt
 from scripts import run_python
 
 from npend_gym.cli import COMMANDS, _Command, main, parsers
-from npend_gym.cli.values import angle
+from npend_gym.cli.values import angle, setting
 from npend_gym.experiments import CampaignPlan, FlipMap, ReleaseExperiment
 
 
@@ -74,6 +74,13 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
     options = parser.parse_args(["map", "--centre", f"{text},1", "--width", text])
     assert options.centre == pytest.approx([radians, 1.0])
     assert options.width == pytest.approx(radians)
+
+
+@pytest.mark.parametrize(("text", "value"), [
+    (".5", 0.5), ("1.", 1.0), ("+2", 2.0), ("-.5e-1", -0.05), ("[1, 2]", [1, 2]), ("1_0", "1_0"),
+])  # fmt: skip
+def test_settings_take_numbers_as_people_write_them(text, value):
+    assert setting(f"name={text}") == ("name", value)
 
 
 @pytest.mark.parametrize(

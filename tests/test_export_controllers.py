@@ -249,5 +249,8 @@ def test_the_command_writes_what_the_function_writes(tmp_path, refusal):
     of_mpc = ["export", "--controller", "MPC", "--to", "c", "-o", str(written)]
     message = "--controller must be one of LQR, damping, plan; got 'MPC'"
     assert message in refusal(*of_mpc)
+    of_goals = ["export", "--controller", "plan", "--task", "transition-2", "--to", "c"]
+    message = "--controller plan must have a task with one goal"
+    assert message in refusal(*of_goals, "-o", str(written))
     with_settings = ["export", "calm-1", "--to", "c", "-o", str(written), "--env", "dt=0.1"]
     assert "--task and --env are for a --controller" in refusal(*with_settings)

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain, simulate, theory
+from npend_gym import Cart, Chain, simulate, theory
 from npend_gym.cli import main
 from npend_gym.identification import Identification, read_motion
 from npend_gym.identification.fit import Problem, _hold_out
@@ -118,6 +118,24 @@ def test_columns_of_other_names_are_read_by_those_names(motion_file, capsys):
     with pytest.raises(SystemExit):
         main(["identify", path, "--lengths", "1", "--columns", "time=t [s],theta0=q2"])
     assert "has no column 'q2': it has 't [s], q1, theta0, u, tau1'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "drive", "column"),
+    [
+        ({"base": Cart(1.0)}, {}, "position"),
+        ({"stiffness": 900.0}, {}, "stretch0"),
+        ({}, {"pivot_acceleration": [0.1, 0.0]}, "position_x"),
+    ],
+)
+def test_of_a_chain_that_no_fit_takes_the_columns_that_are_not_read_are_named(
+    more, drive, column, tmp_path
+):
+    path = tmp_path / "motion.csv"
+    chain = Chain.uniform(1, **more)
+    simulate(chain, 0.5, 0.0, np.arange(40) / 40, **drive).to_csv(path)
+    with pytest.warns(UserWarning, match=f"column {column}, which is not read: identify takes"):
+        read_motion(path)
 
 
 @pytest.mark.parametrize(

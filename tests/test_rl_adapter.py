@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import rl
+from npend_gym import NPendulumEnv, NPendulumVectorEnv, rl
 
 # Stable-Baselines3 imports PyTorch: seconds that not every worker of the tests must spend
 pytestmark = pytest.mark.skipif(
@@ -401,6 +401,39 @@ class Doubling(gym.vector.VectorRewardWrapper):
 
     def rewards(self, reward):
         return 2.0 * reward
+
+
+class Reversed(NPendulumEnv):
+    """An environment of a user, whose motor is wired the wrong way."""
+
+    def step(self, action):
+        return super().step(-np.asarray(action))
+
+
+class ManyReversed(NPendulumVectorEnv):
+    """Many of them."""
+
+    def step(self, actions):
+        return super().step(-np.asarray(actions))
+
+
+def test_a_subclass_with_a_step_of_its_own_is_judged_by_an_id_that_makes_it():
+    policy = rl.Policy.pretrained("balance-1")
+    for env in (Reversed(**policy.env), ManyReversed(2, **policy.env)):
+        with pytest.raises(ValueError, match="Reversed, whose step is its own: register an id"):
+            rl.evaluate(policy, env, episodes=2)
+    more = {"kwargs": policy.env, "max_episode_steps": 200}
+    gym.register("Reversed-v0", Reversed, **more)
+    gym.register("ManyReversed-v0", Reversed, vector_entry_point=ManyReversed, **more)
+    try:
+        with pytest.raises(ValueError, match="got 'Reversed-v0': register it with vector_entry_p"):
+            rl.evaluate(policy, "Reversed-v0", episodes=2)
+        assert rl.evaluate(policy, "ManyReversed-v0", episodes=2).returns.mean() < 150.0
+        plain = policy.env | {"max_episode_steps": 200}
+        assert rl.evaluate(policy, plain, episodes=2).returns.mean() > 190.0
+    finally:
+        for name in ("Reversed-v0", "ManyReversed-v0"):
+            del gym.registry[name]
 
 
 @pytest.mark.parametrize("name", ["Still", "Started", "step_async", "step_wait", "reset"])

@@ -47,6 +47,17 @@ def test_a_network_that_no_file_could_hold_is_refused_at_once(given, message):
         replace(small_policy(), **given)
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_scalars_and_arrays_of_numpy_do_not_change_what_a_policy_computes(kind, tmp_path):
+    path, obs = tmp_path / "policy.safetensors", np.random.default_rng(1).normal(size=(50, 6))
+    policy = replace(small_policy(), limit=kind(0.5))
+    policy.save(path)
+    expected = replace(small_policy(), limit=0.5)(obs.astype(np.float32))
+    for each in (policy, Policy.load(path)):
+        assert each(obs).dtype == np.float32
+        np.testing.assert_array_equal(each(obs), expected)
+
+
 def test_keywords_are_kept_as_plain_values_or_refused_by_name(tmp_path):
     path, policy = tmp_path / "policy.safetensors", small_policy()
     replace(policy, env=policy.env | {"dt": np.float64(0.05), "n": np.int64(2)}).save(path)

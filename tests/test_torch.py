@@ -361,6 +361,23 @@ def test_gradients_through_motors_and_sensors_are_those_of_differences(task):
         assert abs(slope - float(gradient[place])) < 1e-6 * max(1.0, abs(slope))
 
 
+@pytest.mark.parametrize("autoreset", ["DISABLED", "SAME_STEP"])
+@pytest.mark.parametrize("task", ["elbow on a cart", "all errors", "all errors on a cart"])
+def test_where_all_lanes_begin_a_new_graph_begins_too(task, autoreset):
+    more = {"max_episode_steps": 3, "autoreset_mode": autoreset}
+    env = DifferentiableVectorEnv(2, **UNIDEAL[task] | more)
+    action = torch.zeros(2, env.action_size, dtype=torch.float64, requires_grad=True)
+    env.reset(seed=0)
+    for _ in range(3):
+        total = 0.0
+        for _ in range(3):
+            observation, reward, *_ = env.step(action)
+            total = total + reward.sum() + observation.sum()
+        total.backward()  # fails where part of the graph before is gone
+        if autoreset == "DISABLED":
+            env.reset()
+
+
 def test_what_tensors_cannot_be_is_refused_by_the_environment():
     with pytest.raises(ValueError, match="randomize must leave cart_mass out"):
         DifferentiableVectorEnv(2, base="cart", randomize={"cart_mass": (0.5, 1.5)})

@@ -91,6 +91,11 @@ def run(
             raise ValueError("--chain is for --to mjcf or urdf")
         if controller is not None:
             _checks.choice("--controller", controller, _IN_C)
+            if controller == "plan" and f"{dict(env).get('mode', task)}".startswith("transition"):
+                raise ValueError(
+                    "--controller plan must have a task with one goal, such as swingup-2: a header "
+                    "has one plan; give rl.planned_transition(...) to export.to_c in Python"
+                )
         found: Any = chosen(policy, controller, task, dict(env), trust=trust)[1]
         if to == "c":
             export.to_c(found, out, "npend" if prefix is None else prefix, relative=relative)

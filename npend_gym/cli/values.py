@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 _T = TypeVar("_T")
 
-_NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+"
-_DEGREES = re.compile(rf"([+-]?(?:{_NUMBER})) ?(?:deg|degrees)")
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_DEGREES = re.compile(rf"([+-]?{_NUMBER}) ?(?:deg|degrees)")
 _PI = re.compile(rf"([+-]?)(?:({_NUMBER}) ?\*? ?)?pi(?:/({_NUMBER}))?")
 
 
@@ -101,7 +101,7 @@ def setting(text: str) -> tuple[str, Any]:
     try:
         given = json.loads(value)
     except ValueError:
-        given = value
+        given = float(value) if re.fullmatch(f"[+-]?{_NUMBER}", value) else value  # as .5
     except RecursionError as error:
         raise argparse.ArgumentTypeError(f"{name} has too many lists inside each other") from error
     return name, chain_argument(given) if name == "chain" and isinstance(given, str) else given

@@ -59,8 +59,8 @@ def identify(
         Which recording each row is from; all from one by default.
     fit : sequence of str, optional
         What to fit, of each link: "inertia", "lift", "damping", "friction", "drag",
-        "quadratic_drag", "armature", "length" (of all links but the last), "offset" (a measured
-        angle less the true one). By default the first four and "quadratic_drag"; with torques
+        "quadratic_drag", "armature", "length" (of all links but the last), "offset" (an angle of
+        `theta` less the true one). By default the first four and "quadratic_drag"; with torques
         "armature" too.
     segment : float, optional
         Longest time [s] that is simulated from one first state, which is fitted; that of 20 rows

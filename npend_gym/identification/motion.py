@@ -258,7 +258,7 @@ def _check_order(motion: Motion) -> None:
 def _unwrapped(motion: Motion) -> Motion:
     largest = float(np.abs(motion.theta).max())
     if largest > _LIKELY:
-        remedy = "np.radians converts; npend identify --degrees"
+        remedy = "np.radians converts; npend identify --degrees; a chain may have turned so often"
         ask_about_degrees("theta", largest, remedy)
     theta = motion.theta.copy()
     for rows in motion.stretches():

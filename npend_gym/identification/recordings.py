@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+import warnings
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from os import PathLike
@@ -20,6 +21,8 @@ from npend_gym.identification.motion import Motion, check_motion
 
 _MAX_CELLS = 50_000_000
 _QUOTES = "quotation marks must begin and end a cell within its line"
+# what `Trajectory.to_csv` writes of chains that no fit takes
+_NOT_HUNG = {"position", "position_x", "stretch0"}
 _NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
 
 
@@ -44,7 +47,8 @@ def read_motion(
     degrees : bool
         The angles are in degrees.
     relative : bool
-        Angles are relative: each link's from the direction of the link above.
+        Angles are relative: each link's from the direction of the link above. They become absolute
+        ones, to which fitted offsets belong.
 
     Returns
     -------
@@ -164,6 +168,12 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
                         "theta1, ..., and may name tau0, ... and piece; other names are given by "
                         "columns"
                     )
+            for name in _NOT_HUNG.intersection(names):
+                warnings.warn(
+                    f"{path} has the column {name}, which is not read: identify takes the motion "
+                    "of rigid chains that hang from a fixed pivot",
+                    stacklevel=4,
+                )
             cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
             for number, row in rows:
                 if not any(row):

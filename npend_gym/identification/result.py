@@ -31,7 +31,8 @@ class Identification:
         Standard errors of parameters of `chain` by name, the masses taken as exact. NaN where the
         data do not determine a parameter.
     offsets : ndarray, shape (n,)
-        Measured less true angles [rad]; zero where they were not fitted.
+        Measured less true angles [rad], absolute ones; zero where they were not fitted. The encoder
+        between two links is off by the difference of their offsets.
     given_rmse : float
         Root mean square error of all angles [rad] of the given chain over the segments that were
         held out, each segment's first state being fitted. NaN where there are none, infinite if

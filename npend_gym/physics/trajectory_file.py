@@ -79,8 +79,9 @@ def to_csv(motion: Trajectory, path: str | PathLike[str]) -> None:
 
     The columns are ``time`` [s], ``theta0``, ... [rad] and ``omega0``, ... [rad/s], where the
     motion had a constant torque ``tau0``, ... [N m], and of a cart ``position`` [m] and
-    ``velocity`` [m/s], of springs ``stretch0``, ... [m]: the form that `npend identify` and
-    `identification.read_motion` read. Numbers are read back to the same bits.
+    ``velocity`` [m/s], of springs ``stretch0``, ... [m]. Of a chain that hangs from a fixed pivot
+    this is the form that `npend identify` and `identification.read_motion` read. Numbers are read
+    back to the same bits.
 
     Raises
     ------

@@ -266,10 +266,16 @@ def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
         return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
 
     first, *rest = map(reduced, progress(film))
-    first.save(
-        file, "GIF", save_all=True, append_images=rest, loop=0, optimize=True,
-        duration=(10 * np.diff(ends)).tolist(), comment=comment.encode(),
-    )  # fmt: skip
+    try:
+        first.save(
+            file, "GIF", save_all=True, append_images=rest, loop=0, optimize=True,
+            duration=(10 * np.diff(ends)).tolist(), comment=comment.encode(),
+        )  # fmt: skip
+    except OverflowError as error:  # of pictures that are alike there is one, shown for longer
+        raise ValueError(
+            f"nothing may stand still for more than {_GIF_SECONDS} s in a GIF: write an .mp4, or "
+            "raise speed"
+        ) from error
 
 
 def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:

@@ -20,7 +20,7 @@ from npend_gym.envs.session import ManyLanes
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.checks import DivergedError, check_device, check_tensor, clipped_action
 from npend_gym.torch.compiled_steps import CompiledSteps
-from npend_gym.torch.hardware import Motors, Sensors
+from npend_gym.torch.hardware import Motors, Sensors, begun
 from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
 
 
@@ -190,10 +190,7 @@ class DifferentiableVectorEnv(ManyLanes):
         n = self.config.n  # and of a cart two columns more
         theta, omega, place, velocity = start.tensor_split((n, 2 * n, 2 * n + 1), dim=1)
         theta, omega = torch.cat([theta, place], 1), torch.cat([omega, velocity], 1)
-        if mask.all():  # what came before is no part of the graph then
-            return theta, omega
-        column = mask[:, None]
-        return torch.where(column, theta, self._theta), torch.where(column, omega, self._omega)
+        return begun(mask, theta, self._theta), begun(mask, omega, self._omega)
 
     # -- stepping ---------------------------------------------------------------------------
 

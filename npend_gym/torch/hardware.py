@@ -22,6 +22,14 @@ from npend_gym.torch.judging import Lanes, State, wrapped
 Settings = Mapping[str, Tensor]  # of the lanes, by keyword, (B,)
 
 
+def begun(mask: Tensor, start: Tensor, kept: Tensor) -> Tensor:
+    """Return `kept`, (B, k), with `start` in the lanes of `mask`, (B,).
+
+    Where all begin, what came before is no part of the graph.
+    """
+    return start if mask.all() else torch.where(mask[:, None], start, kept)
+
+
 class Past:
     """What happened in the last steps of every lane, the newest first."""
 
@@ -31,7 +39,7 @@ class Past:
     def begin(self, mask: Tensor, value: Tensor) -> None:
         """Let all that happened in the lanes of `mask` have been `value`."""
         kept = self._kept or [value] * self._length
-        self._kept = [torch.where(mask[:, None], value, each) for each in kept]
+        self._kept = [begun(mask, value, each) for each in kept]
 
     def add(self, value: Tensor) -> None:
         """Add what happens now."""
@@ -77,7 +85,7 @@ class Motors:
         if self._motors is not None:
             idle = torch.zeros(len(mask), len(self._places), dtype=torch.float64)
             self._past.begin(mask, idle)
-            self._lagged = torch.where(mask[:, None], 0.0, self._lagged)
+            self._lagged = begun(mask, idle, self._lagged)
 
     def act(self, action: Tensor, age: Tensor, settings: Settings) -> None:
         """Take the clipped actions, (B, joints), of a step, and draw what disturbs it."""

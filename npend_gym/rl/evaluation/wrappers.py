@@ -70,6 +70,22 @@ def changing_wrappers(env: Any) -> tuple[Any, ...]:
     return tuple(found)
 
 
+def check_class(base: Any) -> None:
+    """Raise a ValueError where a subclass steps otherwise than what its `env_id` makes."""
+    kinds: list[type] = type(base).mro()
+    owner = {
+        name: next((kind for kind in kinds if name in vars(kind)), object)
+        for name in ("env_id", "step", "reset")
+    }
+    is_ours = {name: kind.__module__.startswith("npend_gym.") for name, kind in owner.items()}
+    for name in ("step", "reset"):
+        if is_ours["env_id"] and not is_ours[name]:
+            raise ValueError(
+                f"env must not be of the class {owner[name].__name__}, whose {name} is its own: "
+                "register an id with this class as vector_entry_point, and give the id"
+            )
+
+
 def _changes_step(layer: Any) -> bool:
     """Return whether a wrapper has a `step` or `reset` that is not known."""
     kinds = {kind.__name__: vars(kind) for kind in type(layer).__mro__}

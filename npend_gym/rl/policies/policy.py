@@ -107,6 +107,7 @@ class Policy:
 
     def __post_init__(self) -> None:
         functions = check_functions(self._functions)
+        object.__setattr__(self, "limit", functions["limit"])  # no scalar of NumPy
         for name in _RESERVED & self.provenance.keys():
             raise ValueError(f"provenance[{name!r}] must be left out: a file has its own")
         numbers = {"scale": self.scale, "weights": self.weights, "biases": self.biases}
@@ -192,6 +193,7 @@ class Policy:
             from npend_gym.rl.policies.observations import check_observation  # heavy
 
             check_observation(self.config, observation, info)
+        observation = np.asarray(observation, np.float32)
         if self._history is None:
             return self._act(self._scaled(observation))
         frames = self._remembered(self._history, np.atleast_2d(observation), info)
