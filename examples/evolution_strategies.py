@@ -127,12 +127,13 @@ def train(
 def play(envs: Any, weights: FloatArray, steps: int, seed: int) -> tuple[FloatArray, BoolArray]:
     """Play an episode with each candidate; return the returns and successes, (candidates,)."""
     observation, info = envs.reset(seed=[seed] * len(weights))
-    returns = np.zeros(len(weights))
+    returns, lasts = np.zeros(len(weights)), np.ones(len(weights), np.bool_)
     for _ in range(steps):
         action = np.einsum("bk,bk->b", observation, weights).clip(-1.0, 1.0)
-        observation, reward, _, _, info = envs.step(action[:, None])
-        returns += reward
-    return returns, info["success"]
+        observation, reward, terminated, _, info = envs.step(action[:, None])
+        returns += np.where(lasts, reward, 0.0)
+        lasts &= ~terminated  # another episode begins after it
+    return returns, info["success"] & lasts
 
 
 def policy_of(weights: FloatArray, settings: Settings, last: dict[str, Any]) -> Policy:

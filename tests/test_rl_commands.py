@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import asdict
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from interrupt import Interrupt
@@ -142,6 +143,20 @@ def test_evolution_strategies_find_a_policy_that_calms_better_than_no_torque():
     trained, untrained = (evaluate(each, policy.env, episodes=10) for each in (policy, idle))
     assert trained.returns.mean() > 2.0 * untrained.returns.mean()
     assert trained.success_rate == 1.0 > untrained.success_rate
+
+
+def test_evolution_strategies_count_an_episode_until_it_is_terminated():
+    from evolution_strategies import play, settings_of
+
+    envs = gym.make_vec("NPendulum-v0", 2, **settings_of("balance-1").env)
+    returns, success = play(envs, np.zeros((2, 3)), 600, seed=3)
+    envs.reset(seed=[3, 3])
+    expected, terminated = 0.0, np.zeros(2, bool)
+    while not terminated.any():
+        _, reward, terminated, *_ = envs.step(np.zeros((2, 1), np.float32))
+        expected += reward[0]
+    assert returns == pytest.approx(expected, rel=1e-12)
+    assert not success.any()
 
 
 def test_the_script_repeats_the_settings_in_the_records_of_its_policies():

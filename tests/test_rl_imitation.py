@@ -1,5 +1,7 @@
 """Imitation: who acts when, what the student learns from, and what experts know."""
 
+import dataclasses
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -154,6 +156,17 @@ def test_spring_learns_what_an_expert_does_to_less_than_half_the_distance_of_ada
     assert distances[0.5] < 0.5 * distances[0.0]
 
 
+def test_spring_learns_from_states_that_are_alike_and_says_where_the_network_diverged():
+    torch.manual_seed(0)
+    net = network(3, 1, 8, last_gain=1.0)
+    spring, inputs = Spring(net, learning_rate=0.5), torch.ones(3000, 3)
+    targets, weights = torch.full((3000, 1), 0.05) + net(inputs[:1]).detach(), torch.ones(3000, 1)
+    spring.step(inputs, targets, weights, share=1.0)
+    assert (net(inputs) - targets).abs().max() < 0.03
+    with pytest.raises(RuntimeError, match="spring_learning_rate must be smaller"):
+        spring.step(inputs * torch.nan, targets, weights, share=1.0)
+
+
 @pytest.mark.parametrize("length", [1, 4])
 def test_the_policy_acts_as_the_student_does(length):
     dagger = dagger_of(length=length)
@@ -183,6 +196,23 @@ def test_a_student_learns_from_a_regulator_where_no_plan_is_needed(env):
     policy, curve = imitation.train(settings)
     assert curve[-1]["success"] == 1.0
     assert evaluate(policy, env, episodes=20).success_rate == 1.0
+
+
+def test_the_curve_tells_the_first_of_several_episodes_as_evaluate_does():
+    quick = {"rounds": 2, "num_envs": 64, "updates": 5, "first_updates": 10, "guesses": 1}
+    policy, curve = imitation.train(imitation.settings_of("balance-1", learning_rate=1e-4, **quick))
+    judged = evaluate(policy, policy.env | {"max_episode_steps": 345}, episodes=32)
+    assert judged.success_rate == curve[-1]["success"] == 0.0
+    assert judged.returns.mean() == pytest.approx(curve[-1]["return"], rel=0.2)
+
+
+@pytest.mark.parametrize("changes", [{"kept": 1e-9}, {"lost": 1e-30}])
+def test_a_round_of_which_nothing_is_kept_is_refused_by_the_settings_that_keep(changes):
+    settings = imitation.settings_of("balance-1", rounds=2, num_envs=4, guesses=1, **changes)
+    with pytest.raises(ValueError, match="kept, lost and num_envs must be larger"):
+        imitation.train(settings)
+    with pytest.raises(ValueError, match="lost must be"):
+        imitation.train(dataclasses.replace(settings, lost=0.0))
 
 
 def test_a_student_with_a_memory_swings_one_rod_up_with_late_sensors():
@@ -264,7 +294,7 @@ def test_lanes_with_wrong_chains_move_as_these_chains_do(plans):
     begun = {name: info[name].copy() for name in ("theta", "omega")}
     action = rng.uniform(-1.0, 1.0, (20, 12, 1))
     for each in action:
-        observation, _, info = lanes.step(each)
+        observation, _, _, info = lanes.step(each)
     lanes.close()
     limit = EnvConfig(**TWO).max_torque
     for lane in wrong:

@@ -91,7 +91,7 @@ class Lanes:
         sizes = [env.num_envs for env in self.envs]
         self.num_envs: int = sum(sizes)
         self._firsts = np.cumsum([0, *sizes[:-1]])
-        self.began: list[dict[str, Any]] = []  # the info of each environment after `reset`
+        self.infos: list[dict[str, Any]] = []  # the latest of each environment
 
     def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the parts of an array, (B, ...), that belong to each of the environments."""
@@ -100,33 +100,31 @@ class Lanes:
     def reset(self, seed: int, options: Sequence[dict[str, Any]]) -> tuple[Any, dict[str, Any]]:
         """Begin an episode in every lane, of seeds `seed`, `seed` + 1, ..., with options by env."""
         given = zip(self.envs, self._firsts.tolist(), options, strict=True)
-        results = [env.reset(seed=seed + k, options=of_env) for env, k, of_env in given]
-        self.began = [info for _, info in results]
-        return _joined(results)
+        return self._joined([env.reset(seed=seed + k, options=each) for env, k, each in given])
 
     def step(self, action: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Step all environments."""
         given = zip(self.envs, self.split(np.asarray(action)), strict=True)
-        return _joined([env.step(part) for env, part in given])
+        return self._joined([env.step(part) for env, part in given])
+
+    def _joined(self, results: Sequence[tuple[Any, ...]]) -> Any:
+        """Return what the environments returned as one.
+
+        Of info it has the keys that all have, in one shape: what is drawn differs in number.
+        """
+        *arrays, infos = zip(*results, strict=True)
+        self.infos = list(infos)
+        info = dict[str, Any]()
+        for key in infos[0]:
+            parts = [each[key] for each in infos if key in each]
+            if len(parts) == len(infos) and len({part.shape[1:] for part in parts}) == 1:
+                info[key] = np.concatenate(parts)
+        return *map(np.concatenate, arrays), info
 
     def close(self) -> None:
         """Close all environments."""
         for env in self.envs:
             env.close()
-
-
-def _joined(results: Sequence[tuple[Any, ...]]) -> Any:
-    """Return what several environments returned as one.
-
-    Of info it has the keys that all of them have, in one shape: what is drawn differs in number.
-    """
-    *arrays, infos = zip(*results, strict=True)
-    info = dict[str, Any]()
-    for key in infos[0]:
-        parts = [each[key] for each in infos if key in each]
-        if len(parts) == len(infos) and len({part.shape[1:] for part in parts}) == 1:
-            info[key] = np.concatenate(parts)
-    return *map(np.concatenate, arrays), info
 
 
 _OF_VELOCITIES = "omega", "cart_velocity", "energy"  # keys of `info`

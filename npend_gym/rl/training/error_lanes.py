@@ -29,16 +29,21 @@ _GROWTH, _JUDGED = 1.25, 12  # of a level, after at least so many episodes
 
 
 class Follower:
-    """Motors of B lanes that follow the actions u as lag y' = u - y, with lags (B, 1) [s].
+    """Motors of B lanes that follow the actions u as lag y' = u - y.
 
     Within a step of dt seconds the mean of y is u + share (y - u).
     """
 
-    def __init__(self, lag: FloatArray, dt: float, joints: int) -> None:
-        rate = dt / np.where(lag > 0.0, lag, 1.0)
+    def __init__(self, size: int, dt: float, joints: int) -> None:
+        self._dt, self._followed = dt, np.zeros((size, joints))
+
+    def begin(self, mask: BoolArray, lags: FloatArray) -> None:
+        """Forget the actions in the lanes of `mask`; from now on all lanes have these lags [s]."""
+        lag = lags[:, None]
+        rate = self._dt / np.where(lag > 0.0, lag, 1.0)
         self._left = np.where(lag > 0.0, np.exp(-rate), 0.0)
         self._share = np.where(lag > 0.0, -np.expm1(-rate) / rate, 0.0)
-        self._followed = np.zeros((len(lag), joints))
+        self._followed[mask] = 0.0
 
     def asked(self, actions: FloatArray) -> FloatArray:
         """Return the actions in a step whose mean is to be `actions`, (B, joints)."""
@@ -99,6 +104,7 @@ class ErrorLanes:
         # episodes that have been judged at this level, and those that were good
         self.judged: NDArray[np.int64] = np.zeros((2, counts.size), np.int64)
         self.lanes: Lanes = Lanes([self._make(k) for k in range(counts.size)])
+        self._follower = Follower(size, self.config.dt, self.config.joints.size)
 
     @property
     def rank(self) -> FloatArray:
@@ -156,22 +162,32 @@ class ErrorLanes:
                     values = np.array([each[parameter] for each in chains])
                     options[parameter] = values[self.which[part]]
             given.append(options)
-        began = self.lanes.reset(seed, given)
-        drawn = zip(self.lanes.envs, self.lanes.began, strict=True)
-        lags = [_lags(getattr(env, "unwrapped", env).config, info) for env, info in drawn]
-        lag = np.concatenate(lags)
-        self._follower = Follower(lag[:, None], self.config.dt, self.config.joints.size)
-        return began
+        observation, info = self.lanes.reset(seed, given)
+        self._begin(info)
+        return observation, info
+
+    def _begin(self, info: dict[str, Any]) -> None:
+        """Let motors begin in the lanes in which an episode does."""
+        begins = info["time"] == 0.0
+        if begins.any():
+            drawn = zip(self.lanes.envs, self.lanes.infos, strict=True)
+            lags = [_lags(getattr(env, "unwrapped", env).config, each) for env, each in drawn]
+            self._follower.begin(begins, np.concatenate(lags))
 
     def against_lag(self, tracking: Tracking) -> Tracking:
         """Return what an expert says, with the actions that motors with a lag must be given."""
         return tracking._replace(actions=self._follower.asked(tracking.actions))
 
-    def step(self, action: FloatArray) -> tuple[Any, FloatArray, dict[str, Any]]:
-        """Step all lanes with actions, (B, joints); return observations, rewards and info."""
+    def step(self, action: FloatArray) -> tuple[Any, FloatArray, BoolArray, dict[str, Any]]:
+        """Step all lanes with actions, (B, joints).
+
+        Returns observations, rewards, which episodes were terminated, and info. Where one was
+        terminated, the next step begins another.
+        """
         self._follower.act(action)
-        observation, reward, _, _, info = self.lanes.step(action)
-        return observation, reward, info
+        observation, reward, terminated, _, info = self.lanes.step(action)
+        self._begin(info)
+        return observation, reward, terminated, info
 
     def judge(self, lanes: NDArray[np.int64], good: BoolArray) -> None:
         """Count episodes that were judged, of these lanes, and those that were good."""

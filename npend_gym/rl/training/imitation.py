@@ -129,7 +129,7 @@ class DAgger:
         observation, info = lanes.reset(self.seeds[size * round_], expert.chains, rng, starts)
         expert.begin(drawn if drawn.size > 0 else lanes.which, round_)
         self.history.reset(size)
-        returns = np.zeros(size)
+        returns, lasts = np.zeros(size), np.ones(size, np.bool_)
         by_student = (lanes.rank < settings.student_fraction) & (round_ > 0)
         by_expert = (lanes.rank >= 1.0 - settings.expert_fraction) | (round_ == 0)
         std = (settings.noise_std * by_expert * rng.random(size))[:, None]
@@ -146,15 +146,17 @@ class DAgger:
             action = np.where(taken[:, None], tracking.actions, self.act(inputs))
             action = (action + std * rng.normal(size=action.shape)).clip(-1.0, 1.0)
             self.history.act(action.astype(np.float32))
-            observation, reward, info = lanes.step(action)
-            returns += reward
+            observation, reward, terminated, info = lanes.step(action)
+            returns += np.where(lasts, reward, 0.0)
+            lasts &= ~terminated
         if round_ == 0:
             return {}
-        lanes.judge(np.flatnonzero(by_student), info["success"][by_student])
+        success = info["success"] & lasts  # else it is that of a later episode
+        lanes.judge(np.flatnonzero(by_student), success[by_student])
         if drawn.size > 0:
-            self.count(drawn[by_student], info["success"][by_student])
+            self.count(drawn[by_student], success[by_student])
         steps = self.episode_steps * max(1, np.sum(~by_student & ~by_expert))
-        score = {"return": returns, "success": info["success"]}
+        score = {"return": returns, "success": success}
         means = {name: round(float(value[by_student].mean()), 4) for name, value in score.items()}
         return means | {"taken_over": round(float(steps_taken / steps), 4)}
 
@@ -187,6 +189,11 @@ class DAgger:
         does, which every few updates lead astray (B. T. Polyak, A. B. Juditsky, SIAM Journal on
         Control and Optimization 30 (1992), 838-855).
         """
+        if self.dataset.size == 0:
+            raise ValueError(
+                "kept, lost and num_envs must be larger: no state of a round was kept, got "
+                f"{self.settings.kept}, {self.settings.lost} and {self.settings.num_envs}"
+            )
         distances = list[float]()
         for begun in range(0, updates, _AVERAGED):
             count, total = min(_AVERAGED, updates - begun), 0.0
@@ -272,7 +279,7 @@ def train(
     _checks.count("max_states", settings.max_states, low=settings.num_envs)
     if settings.plan_seed is not None:
         _checks.count("plan_seed", settings.plan_seed, low=0)
-    for name in ("student_fraction", "kept"):
+    for name in ("student_fraction", "kept", "lost"):
         _checks.positive_number(name, getattr(settings, name))
     for name in ("student_fraction", "expert_fraction", "kept"):
         if getattr(settings, name) > 1.0:

@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 _DAMPING = 1e-4  # over the mean of the kernel's diagonal; single precision needs this much
+_TRIES = 4  # each with ten times as much
 _MOMENTUM = 0.97  # share of the last change in a step
 _LARGEST = 0.1  # larger errors count as this one: some states cannot be learned
 
@@ -112,8 +113,7 @@ class Spring:
         for (slopes, given), last in zip(factors, self.last, strict=True):
             kernel = kernel + (slopes @ slopes.T) * (given @ given.T)
             known = known + ((slopes @ last) * given).sum(dim=1)
-        kernel.diagonal().add_(_DAMPING * kernel.diagonal().mean())
-        solved = torch.linalg.cholesky(kernel)
+        solved = _factor(kernel)
         left = torch.cholesky_solve((errors - _MOMENTUM * known)[:, None], solved)
         parts = zip(self._layers, factors, self.last, strict=True)
         for layer, (slopes, given), last in parts:
@@ -121,3 +121,15 @@ class Spring:
             layer.weight.add_(last[:, :-1], alpha=share * self._learning_rate)
             layer.bias.add_(last[:, -1], alpha=share * self._learning_rate)
         return outputs
+
+
+def _factor(kernel: torch.Tensor) -> torch.Tensor:
+    """Return the Cholesky factor of a kernel with as much damping as it needs."""
+    damping = _DAMPING * kernel.diagonal().mean()
+    for _ in range(_TRIES):
+        kernel.diagonal().add_(damping)
+        factor, failed = torch.linalg.cholesky_ex(kernel)
+        if not failed:
+            return factor
+        damping = 10.0 * damping
+    raise RuntimeError("the network diverged: spring_learning_rate must be smaller")
