@@ -27,9 +27,17 @@ def test_exponents_without_damping_come_in_pairs_and_add_up_to_zero_at_any_time(
 def test_exponents_of_a_chain_at_rest_with_dry_friction_are_its_decay_rates(name):
     chain = Chain([1.0], [0.3], friction=1.0) if name is None else Chain.preset(name)
     rates = np.sort(np.linalg.eigvals(linearise(chain, 0.0).A).real)[::-1]
-    found = chaos.lyapunov_spectrum(chain, 0.0, duration=8.0).exponents
+    found = chaos.lyapunov_spectrum(chain, 0.0, duration=20.0).exponents
     assert found.sum() == pytest.approx(rates.sum(), rel=1e-6)
     np.testing.assert_allclose(found, rates, rtol=0.1, atol=0.2)
+
+
+@pytest.mark.parametrize(("n", "damping", "start"), [(2, 0.3, 0.0), (2, 0.3, 0.3), (3, 0.5, 0.5)])
+def test_exponents_of_a_damped_chain_that_comes_to_rest_are_its_decay_rates(n, damping, start):
+    chain = Chain.uniform(n, damping=damping)
+    rates = np.sort(np.linalg.eigvals(linearise(chain, 0.0).A).real)[::-1]
+    found = chaos.lyapunov_spectrum(chain, start, duration=100.0)
+    np.testing.assert_allclose(found.exponents, rates, atol=np.log(100.0) / 100.0)
 
 
 @pytest.mark.parametrize("damping", [0.05, 30.0])

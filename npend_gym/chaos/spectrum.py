@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr, solve
 
 from npend_gym import _checks
@@ -99,8 +99,8 @@ def lyapunov_spectrum(
 
     Lengths are measured in angles and canonical momenta p = M(theta) omega, in units that make both
     alike. In these the flow is symplectic without damping, and the vectors start as a symplectic
-    basis in the order q_1 .. q_n, p_n .. p_1: exponents then come in pairs +-lambda and add up to
-    zero at any time, to the error of the integration. In (theta, omega) the sum has the term [log
+    basis, partners last to first: exponents then come in pairs +-lambda and add up to zero at any
+    time, to the error of the integration. In (theta, omega) the sum has the term [log
     det M(start) - log det M(end)] / t besides. With damping, the sum at any time is the mean of the
     flow's divergence, of -trace(M^-1 D) if the damping torques are -D omega.
 
@@ -122,7 +122,7 @@ def lyapunov_spectrum(
     inertia = float(np.mean(np.diagonal(mass_matrix(chain, start[:n]))[:n]))
     felt = in_frame_of_pivot(chain, motion.mechanism.pivot_acceleration)
     unit = inertia * fastest_rate(felt)
-    basis = np.eye(2 * m)[:, [*range(m), *reversed(range(m, 2 * m))]][:, :count]
+    basis = _basis(chain, m)[:, :count]
     vectors = np.ascontiguousarray(solve(_metric(chain, start, unit), basis).T)
     steps = _DAMPED_STEPS if loses_energy(chain) else _STEPS
     ends = np.array([0.0, duration])
@@ -146,12 +146,30 @@ def lyapunov_spectrum(
     return LyapunovSpectrum(exponents, times[new], history[new], made_by)
 
 
+def _basis(chain: Chain, m: int) -> FloatArray:
+    """Return a symplectic and orthogonal basis of (q, p), (2m, 2m), in no special direction.
+
+    That is a unitary matrix, drawn once for all, as real numbers. Vectors along the angles would be
+    nearly alike in the plane of a slow mode.
+    """
+    own, unitary = _own(chain, m), np.eye(m, dtype=np.complex128)
+    drawn = np.random.default_rng(0).normal(size=(2, own.size, own.size))
+    unitary[np.ix_(own, own)] = qr(drawn[0] + 1j * drawn[1])[0]
+    first = np.vstack([unitary.real, unitary.imag])
+    second = np.vstack([-unitary.imag, unitary.real])
+    return np.hstack([first, second[:, ::-1]])
+
+
+def _own(chain: Chain, m: int) -> NDArray[np.int64]:
+    """Return the numbers of the coordinates, without a pivot that nothing of the chain moves."""
+    return np.delete(np.arange(m), slice(chain.n, chain.n + m - chain.coordinates))
+
+
 def _metric(chain: Chain, state: FloatArray, unit: float) -> FloatArray:
     """Return the matrix that takes changes of (q, u) to those of (q, p / unit)."""
-    size, n = state.size // 2, chain.n
-    shaken = slice(n, n + size - chain.coordinates)  # a pivot that nothing of the chain moves
-    q, u = (np.delete(half, shaken) for half in np.split(state, 2))
-    metric, own = np.eye(2 * size), np.delete(np.arange(size), shaken)
+    size = state.size // 2
+    own, metric = _own(chain, size), np.eye(2 * size)
+    q, u = (half[own] for half in np.split(state, 2))
     momenta = momentum_jacobian(chain, q, u) / unit
     metric[np.ix_(size + own, np.concatenate([own, size + own]))] = momenta
     return metric
