@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.chain import Chain, plain_keywords
+from npend_gym.chain import Chain, check_chain, plain_keywords
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.experiments.sensing import signals
-from npend_gym.period import pseudo_periods
+from npend_gym.period import check_reading, pseudo_periods
 from npend_gym.physics import Trajectory, simulate
 from npend_gym.physics.mechanism import AXIAL, PIVOT
 
@@ -128,7 +128,7 @@ def record_simulation(
     seconds : float
         [s]
     *intervals : float
-        From instant to instant of a recording [s].
+        From instant to instant of a recording [s], one at least.
     reading : str
         What completes a pseudo-period.
 
@@ -142,9 +142,11 @@ def record_simulation(
     ValueError, TypeError
         If an argument breaks its rule, or the recordings would be too long to be held.
     """
-    seconds = _checks.positive_number("duration", seconds)
+    seconds, n = _checks.positive_number("duration", seconds), check_chain(chain).n
+    reading = check_reading(reading)
+    theta, omega = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     steps = [min(_checks.positive_number("interval", each), seconds) for each in intervals]
-    check_angles(sum(seconds / step for step in steps), chain.n)
+    check_angles(sum(seconds / step for step in steps), n)
     instants = [step * np.arange(int(seconds / step + 1e-9) + 1.0) for step in steps]
     motion = simulate(chain, theta, omega, np.unique(np.concatenate(instants)))
     first, periods = motion.theta[0], np.full(chain.n, np.nan)

@@ -431,6 +431,11 @@ def test_workers_that_always_die_end_the_run(times, monkeypatch):
 # Paths
 
 
+def test_a_campaign_runs_only_while_it_holds_the_lock_of_its_folder(tmp_path):
+    with pytest.raises(RuntimeError, match=r"needs the folder's lock: with Campaign\(plan, out\)"):
+        next(Campaign(CampaignPlan(n=[2], trials=1), tmp_path).run())
+
+
 def test_folders_may_have_any_name(tmp_path):
     real = tmp_path / "räume und zeichen ✓ #%'\""
     completed(CampaignPlan(n=[2], trials=2), real)

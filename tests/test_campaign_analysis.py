@@ -222,6 +222,23 @@ def test_the_example_runs_and_analyses_a_campaign(tmp_path, monkeypatch):
     assert (tmp_path / "out" / "analysis" / "report.html").stat().st_size > 10_000
 
 
+def test_the_exact_value_beside_a_fit_to_several_chains_is_the_mean_of_theirs(tmp_path):
+    amplitudes = [0.02, 0.04, 0.06, 0.08]
+    plan = CampaignPlan(n=[10, 14], amplitude=amplitudes, spread=0.0, trials=1)
+    completed(plan, tmp_path)
+    (group,) = analyse(tmp_path).groups
+    together, *alone = group.laws
+    assert together.exact == pytest.approx(np.mean([law.exact for law in alone]))
+    assert together.c.value == pytest.approx(together.exact, rel=1e-4)
+
+
+def test_cells_without_gravity_are_no_reason_for_a_longer_duration(tmp_path):
+    completed(CampaignPlan(n=[2], gravity=[0.0, 9.81], trials=1), tmp_path)
+    shown = report.analysis_text(analyse(tmp_path))
+    assert "fits leave out 1 of 2 cells: nothing moves without gravity" in shown
+    assert "--duration" not in shown
+
+
 def test_the_fitted_limit_of_the_centre_of_mass_is_the_exact_one(tmp_path):
     plan = CampaignPlan(n=[2, 12, 24], amplitude=AMPLITUDES, spread=0.0, trials=1, reading="com")
     completed(plan, tmp_path)

@@ -151,6 +151,17 @@ def test_a_pseudo_period_is_nan_where_the_recording_ends_before_it():
     assert fine.periods == pytest.approx(theory.pendulum_period(0.5, 1.0))
 
 
+@pytest.mark.parametrize(("change", "error"), [
+    ({"theta": np.ones((2, 1))}, "theta must"),
+    ({"omega": [1.0, 2.0]}, "omega must"),
+    ({"reading": "foo", "omega": 1.0}, "reading must be one of"),
+])  # fmt: skip
+def test_a_simulation_that_cannot_be_recorded_is_refused(change, error):
+    theta, omega, reading = ({"theta": 0.5, "omega": 0.0, "reading": "bob"} | change).values()
+    with pytest.raises(ValueError, match=error):
+        record_simulation(Chain.uniform(1), theta, omega, 1.0, 0.1, reading=reading)
+
+
 def test_a_release_that_completes_nothing_is_recorded_for_the_papers_window():
     plan = ReleaseExperiment(n_values=[2], trials=1, gravity=0.0)
     recording = record_release(plan, Run(2, 1, 0.7, np.full(2, np.nan)), 0.5)

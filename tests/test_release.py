@@ -247,6 +247,17 @@ def test_commands_that_write_into_one_folder_at_once_do_not_fail(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+def test_an_experiment_keeps_masses_of_its_own_and_equals_that_of_its_dict(kind):
+    masses = kind([1.0, 2.0])
+    experiment = ReleaseExperiment(n_values=[2], masses=masses)
+    assert ReleaseExperiment(**experiment.as_dict()) == experiment
+    assert hash(experiment) == hash(ReleaseExperiment(n_values=[2], masses=(1.0, 2.0)))
+    if kind is not tuple:
+        masses[0] = -5.0
+    assert experiment.masses == (1.0, 2.0)
+
+
 def test_an_experiment_with_many_numbers_of_rods_is_described_at_once(monkeypatch):
     made = []
     build = release.released_chain

@@ -80,6 +80,15 @@ def test_the_pseudo_period_of_a_gyroscope_is_late_by_its_offset_over_the_acceler
     assert alone == pytest.approx(exact, abs=1e-8)  # no scale moves a zero
 
 
+@pytest.mark.parametrize("reading", ["bob", "link", "com"])
+def test_a_sensor_in_another_unit_finds_the_same_pseudo_periods(reading):
+    volts, millivolts = (
+        sensed(20, reading=reading, sensor_interval=0.01, sensor_scale=scale).periods
+        for scale in (2.0**-20, 1.0)
+    )
+    np.testing.assert_allclose(volts, millivolts, rtol=1e-12)
+
+
 def test_the_centre_of_mass_is_late_by_the_offset_over_its_acceleration():
     chain = Chain.uniform(4)
     exact = pseudo_periods(chain, A, reading="com")[0]

@@ -134,6 +134,10 @@ class ReleaseExperiment:
         if not self.has_any_n:  # else rods are alike, and no other n has another time scale
             for n in self.n_values:
                 check_time_scale(self.chain_of(n))
+        for name in ("masses", "lengths"):
+            value = getattr(self, name)
+            if np.ndim(value) > 0:  # a list or an array could change later
+                object.__setattr__(self, name, tuple(np.asarray(value).tolist()))
 
     def chain_of(self, n: int) -> Chain:
         """Return the chain of `n` rods that is released."""
@@ -201,6 +205,8 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
     """
     given = {"seed": seed, "first": first, "count": count}
     seed, first, count = (_checks.count(name, value, low=0) for name, value in given.items())
+    amplitude = _checks.number("amplitude", amplitude)
+    spread = _checks.nonnegative_number("spread", spread)
     keys = keys_of(seed + first, count)
     return amplitude + spread * first_units(keys, step=0, purpose=Purpose.START, episode=0)
 

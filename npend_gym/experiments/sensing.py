@@ -79,10 +79,10 @@ def sensed_periods(
         motion = simulate(chain, start, 0.0, times)
         signal = signals(motion, reading)
         shown = _shown(motion, signal, reading, sensor, seed)
-        threshold = max(_least(chain, reading), _DEVIATIONS * sensor.noise)
+        threshold = max(sensor.scale * _least(chain, reading), _DEVIATIONS * sensor.noise)
         sides = orientation(chain, motion.theta[0], CODES[reading])
         if reading == "height":  # a bob that first rises is back on its way down
-            first = np.argmax(np.abs(signal) > threshold, axis=0)
+            first = np.argmax(np.abs(signal) > threshold / sensor.scale, axis=0)
             sides = np.where(signal[first, np.arange(n)] > 0.0, -1.0, 1.0)
         periods[:] = [  # one for all bobs, where the reading is that of the chain
             _completed(crossings(times, side * one, threshold), reading)

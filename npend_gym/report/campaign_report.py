@@ -124,11 +124,15 @@ def _notes(analysis: Analysis) -> list[str]:
     plan, stats = analysis.plan, analysis.statistics
     bobs = stats.releases.reshape(plan.shape[0], -1).sum(axis=1) @ np.ravel(plan.n)
     notes = [f"{int(stats.completed.sum())} of {bobs} bobs completed"]
-    if left_out := np.count_nonzero(stats.unknown):
+    unknown = [plan.chain_of(plan.cell(k)) for k in np.flatnonzero(stats.unknown).tolist()]
+    still = sum(chain.gravity == 0.0 for chain in unknown)
+    if left_out := len(unknown) - still:
         notes.append(
             f"fits leave out {left_out} of {plan.cells} cells, because too few bobs completed: "
             'a longer --duration (or "duration" in the plan) brings them in'
         )
+    if still:
+        notes.append(f"fits leave out {still} of {plan.cells} cells: nothing moves without gravity")
     if len(analysis.groups) > _DRAWN:
         notes.append(f"figures of the first {_DRAWN} of {len(analysis.groups)} groups")
     return notes

@@ -89,8 +89,8 @@ class AmplitudeLaw:
     c, b, d : Estimate
         b and d in 1/rad^2.
     exact : float, optional
-        The exact c, from the linearised equations: known for equal rods and masses without damping
-        and the readings "bob" and "com".
+        The exact c, from the linearised equations, the mean of several chains: known for equal rods
+        and masses without damping and the readings "bob" and "com".
     points : tuple of CellResult
     residuals : ndarray
         Measured over law, minus one, of each point.
@@ -211,7 +211,9 @@ def _laws(values: Mapping[str, Any], points: Sequence[CellResult]) -> Iterator[A
     for n_values in together + [(n,) for n in sorted({point.n for point in small})]:
         law = _law(n_values, tuple(point for point in small if point.n in n_values))
         if law is not None:
-            yield replace(law, exact=_EXACT[values["reading"]](n_values) if known else None)
+            exact = _EXACT[values["reading"]] if known else None
+            # of equally many cells for each n, the fit is a mean of their values
+            yield replace(law, exact=exact and float(np.mean([exact(n) for n in n_values])))
 
 
 def _law(n_values: tuple[int, ...], points: tuple[CellResult, ...]) -> AmplitudeLaw | None:
@@ -235,20 +237,16 @@ def _law(n_values: tuple[int, ...], points: tuple[CellResult, ...]) -> Amplitude
     return AmplitudeLaw(n_values, c, b, d, None, points, residuals)
 
 
-def _exact_median(n_values: tuple[int, ...]) -> float:
+def _exact_median(n: int) -> float:
     """Return the median over the bobs in the limit of small angles, over T1."""
-    n, *others = n_values
-    if others or n > _EXACT_UP_TO:
+    if n > _EXACT_UP_TO:
         return float(theory.release_profile(0.5))
     chain = Chain.uniform(n)
     return float(np.median(theory.small_angle_periods(chain))) / theory.fundamental_period(chain)
 
 
-def _exact_com(n_values: tuple[int, ...]) -> float:
+def _exact_com(n: int) -> float:
     """Return the period of the centre of mass in the limit of small angles, over T1."""
-    n, *others = n_values
-    if others:
-        return theory.com_ratio()
     chain = Chain.uniform(n)
     return float(theory.com_period(chain)) / theory.fundamental_period(chain)
 

@@ -276,6 +276,10 @@ class Campaign:
         WorkersLostError
             If workers are lost again and again without any result.
         """
+        if not self._lock.is_locked:
+            raise RuntimeError(
+                "run() needs the folder's lock: with Campaign(plan, out) as campaign"
+            )
         work, status = partial(run_task, self.plan, self.out), self.status
         left: Iterator[Task] = (task for task in self.plan.tasks() if task.id not in status.done)
         status.failed.clear()
