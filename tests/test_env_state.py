@@ -83,6 +83,17 @@ def test_some_lanes_are_put_back_and_the_others_are_left_alone():
         assert_same([lane(part, k) for part in got], [lane(part, k) for part in expected])
 
 
+@pytest.mark.parametrize("lanes", [np.zeros(COUNT, np.bool_), np.zeros(0, np.int64)])
+def test_the_state_of_no_lanes_has_no_records(lanes):
+    envs = make_vec()
+    envs.reset(seed=0)
+    before, state = envs.get_state(), envs.get_state(lanes)
+    assert state.shape == (0,)
+    assert state.dtype == before.dtype
+    envs.set_state(state, lanes)
+    assert envs.get_state().tobytes() == before.tobytes()
+
+
 def test_a_single_environment_continues_and_so_do_its_next_episodes():
     env = make()
     env.reset(seed=3)

@@ -81,6 +81,15 @@ def test_lqr_balances_every_held_out_start(n, keywords):
     assert evaluate(idle, task, episodes=20).success_rate == 0.0
 
 
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("make", [regulators.lqr, regulators.energy_swing_up])
+def test_motors_that_cannot_stabilise_the_chain_make_no_regulator(make, n):
+    with pytest.raises(np.linalg.LinAlgError):
+        make(config_of(n=n, max_torque=0.0))
+    with pytest.raises(np.linalg.LinAlgError, match=r"stabilise the equilibrium at angle 3\.14"):
+        make(config_of(n=1, max_torque=1e-12))
+
+
 def test_the_regulators_cost_is_the_cost_of_the_linear_system():
     config = config_of(n=2, mode="balance")
     gain, cost = regulators.riccati(config, np.pi, action_weight=2.0)

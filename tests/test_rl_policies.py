@@ -123,6 +123,13 @@ def test_an_ensemble_clips_the_mean_and_not_each_output():
             rl.ensemble(constant, weights=weights)
 
 
+def test_an_ensemble_refuses_one_weight_for_all_policies():
+    with pytest.raises(
+        ValueError, match=r"weights must be an array of shape \(2,\), .* shape \(\)"
+    ):
+        rl.ensemble([small_policy()] * 2, weights=2.0)
+
+
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -307,6 +314,8 @@ ON_CART = Policy.pretrained("swingup-1-cart").env
     (TRANSITION, ([0.0] * 3, [0.0] * 3), {}, r"theta must have .* \(2,\) or \(B, 2\), got \(3,\)"),
     (TRANSITION, ([0.0] * 2, [[0.0] * 2]), {}, "omega must have the shape of theta"),
     (TRANSITION, AT_REST, {}, "goal must be given in mode 'transition'"),
+    (TRANSITION, AT_REST, {"goal": [[0.0] * 2] * 3}, r"goal must have the shape \(2,\) .*\(3, 2\)"),
+    (TRANSITION, (np.zeros((4, 2)),) * 2, {"goal": [[0.0] * 2] * 3}, r"goal must .* or \(4, 2\)"),
     (TOLD, AT_REST, {}, "observe_context must be False"),
     (ON_CART, ([0.1], [0.0]), {"cart_position": np.nan}, "cart_position"),
     (ONE, ([0.1], [0.0]), {"cart_position": 1.0}, "must be 0 for a chain without a cart"),

@@ -88,6 +88,15 @@ def test_runs_begin_a_positive_number_of_seeds_apart(spacing, error):
         episode_seeds("training", 10, spacing=spacing)
 
 
+@pytest.mark.parametrize("use", ["training", "evaluation"])
+def test_seeds_of_every_use_are_refused_by_the_name_of_the_argument(use):
+    for given, error in (({"run": "a"}, TypeError), ({"run": -1}, ValueError)):
+        with pytest.raises(error, match="run must be"):
+            episode_seeds(use, 10, **given)
+    with pytest.raises(ValueError, match="spacing must be at least 1, got -3"):
+        episode_seeds(use, 10, spacing=-3)
+
+
 def test_trainings_of_different_seeds_see_different_episodes(monkeypatch):
     for play in PLAYS.values():
         seen = [
@@ -135,6 +144,14 @@ def test_words_at_the_end_of_a_task_combine():
 def test_what_names_no_task_on_a_cart_is_refused(task):
     with pytest.raises(ValueError, match="must be"):
         EnvConfig(**env_of_task(task))
+
+
+@pytest.mark.parametrize("algorithm", [shac, imitation])
+def test_settings_take_another_environment_and_refuse_what_names_no_task(algorithm):
+    assert algorithm.settings_of("swingup-1", env={"n": 3}).env == {"n": 3}
+    for task in ("swingup-0", 3):
+        with pytest.raises(ValueError, match=f"task must be .* at least one rod, got '?{task}"):
+            algorithm.settings_of(task)
 
 
 ONE_ROD = {"n": 1, "mode": "swingup", "observation": "sincos"}

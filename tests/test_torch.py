@@ -261,6 +261,13 @@ BAD_STEPS = [
     ((TWO,), {"joints": (2,)}, ValueError, "joint must be between 0 and 1"),
     ((TWO,), {"joints": (1, 1)}, ValueError, r"joints must name each joint once, got \[1, 1\]"),
     ((TWO,), {"dt": 0.0}, ValueError, "dt must be greater than zero"),
+    ((TWO,), {"joints": 0}, TypeError, r"joints must be a list such as \(0,\), got 0"),
+    (
+        (TWO, 0.0, [1.0]),
+        {},
+        TypeError,
+        r"torque must be a tensor of torch or a number, got \[1.0\]",
+    ),
 ]
 
 
@@ -268,6 +275,20 @@ BAD_STEPS = [
 def test_bad_tensors_are_refused_by_name(given, keywords, error, text):
     with pytest.raises(error, match=text):
         step(Chain.uniform(2), *given, **({"dt": 0.05} | keywords))
+
+
+def test_joints_are_refused_whatever_other_calls_came_before():
+    for _ in range(2):
+        with pytest.raises(TypeError, match=r"joint must be an integer, got 0\.0"):
+            step(Chain.uniform(2), TWO, dt=0.05, joints=(0.0,))
+        step(Chain.uniform(2), TWO, dt=0.05, joints=(0,))
+
+
+def test_numbers_of_numpy_are_numbers_for_a_step():
+    expected = step(Chain.uniform(2), TWO, 0.0, 1.0, dt=0.05)
+    for torque in (np.float64(1.0), np.float32(1.0), np.int64(1)):
+        after = step(Chain.uniform(2), TWO, np.float64(0.0), torque, dt=0.05)
+        torch.testing.assert_close(after, expected, rtol=0.0, atol=0.0)
 
 
 def test_a_chain_with_springs_is_refused_before_the_shapes_of_its_states():
@@ -399,6 +420,27 @@ def test_what_is_done_to_the_info_does_not_change_the_environment():
         torch.testing.assert_close(torch.cat(env.state), before, rtol=0.0, atol=0.0)
         info = env.step(action)[-1]
     assert torch.autograd.grad(info["theta"].sum(), action)[0].abs().min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("theta", "omega", "message"),
+    [
+        ([np.nan, 0.0, 0.0], [0.0] * 3, "state must be finite"),
+        ([2e5, 0.0, 0.0], [0.0] * 3, "the angles of state must lie within"),
+        ([0.0] * 3, [0.0, 2e6, 0.0], "the velocities of state must lie within"),
+        ([0.0, 0.0, 2e5], [0.0] * 3, "the cart of state must lie within"),
+        ([0.0] * 3, None, "state must be two tensors"),
+    ],
+)
+def test_a_state_out_of_bounds_is_refused_and_the_environment_remains(theta, omega, message):
+    env = DifferentiableVectorEnv(2, n=2, base="cart")
+    env.reset(seed=0)
+    before = torch.cat(env.state)
+    given = [torch.tensor([x] * 2, dtype=torch.float64) for x in (theta, omega) if x is not None]
+    with pytest.raises(ValueError, match=message):
+        env.state = given
+    torch.testing.assert_close(torch.cat(env.state), before, rtol=0.0, atol=0.0)
+    env.step(torch.zeros(2, env.action_size, dtype=torch.float64))
 
 
 def test_bad_actions_change_nothing():

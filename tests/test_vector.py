@@ -249,6 +249,17 @@ def test_gymnasiums_worker_processes_can_run_it(context):
     env.close()
 
 
+def test_any_sequence_of_seeds_has_one_for_each_lane():
+    env = make_vec(3, n=2)
+    expected = env.reset(seed=[4, 5, 6])[0]
+    assert_same(env.reset(seed=range(4, 7))[0], expected)
+    with pytest.raises(ValueError, match="seed must have an entry for each of the 3 lanes, got 4"):
+        env.reset(seed=range(4))
+    for text in ("456", b"456"):
+        with pytest.raises(TypeError, match="seed must be an integer"):
+            env.reset(seed=text)
+
+
 def test_spaces_are_batches_of_the_single_ones():
     env = make_vec(4, n=3, observation="sincos", actuated=(0, 1))
     assert env.single_observation_space.shape == (9,)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -34,14 +35,15 @@ class Seeds:
 
     def checked(self, seed: Any) -> Any:
         """Return the seed of lane 0 as an int, a list with that of every lane, or None."""
-        if not isinstance(seed, (list, tuple, np.ndarray)) or np.shape(seed) == ():  # pyright: ignore[reportUnknownArgumentType]
+        of_lanes = seed.ndim > 0 if isinstance(seed, np.ndarray) else isinstance(seed, Sequence)
+        if not of_lanes or isinstance(seed, (str, bytes)):
             return checked_seed(seed)
-        listed: list[Any] = list(seed)  # pyright: ignore[reportUnknownArgumentType]
-        if len(listed) != self._count:
+        given = cast("Sequence[Any]", seed)
+        if len(given) != self._count:
             raise ValueError(
-                f"seed must have an entry for each of the {self._count} lanes, got {len(listed)}"
+                f"seed must have an entry for each of the {self._count} lanes, got {len(given)}"
             )
-        return [checked_seed(one) for one in listed]
+        return [checked_seed(one) for one in given]
 
     def choose(self, seed: Any, lanes: BoolArray) -> Lanes:
         """Seed some lanes (B,) as `checked` has it; return those whose seed is new.

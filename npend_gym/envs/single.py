@@ -103,9 +103,9 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     (standing) at rest. transition: start and goal are two different equilibria, in which each rod
     hangs or stands; all pairs are equally likely. Angles and angular velocities are drawn within
     `spread` of the start. By default `spread` is 0.017 in passive and calm, 0.02 in balance, else
-    0.05. A cart is at rest in the middle of its rail in passive and calm; else its
-    place [m] and velocity [m/s] are drawn as angles are. ``reset(options={...})`` chooses a start
-    or another chain for one episode.
+    0.05. A cart is at rest in the middle of its rail in passive and calm, and in modes with a
+    `start` of their own. Else its place [m] and velocity [m/s] are drawn as angles are.
+    ``reset(options={...})`` chooses a start or another chain for one episode.
 
     These numbers are those of ``np.random.Philox(key=seed, counter=[0, 0, 0, episode])``, episodes
     being counted from 0 since the seed was given. Nothing else decides a start.

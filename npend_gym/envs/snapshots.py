@@ -56,7 +56,7 @@ class Snapshots:
     def take(self, lanes: Lanes, done: NDArray[np.bool_]) -> States:
         """Return the records of some lanes, (k,), new."""
         values = [*self._memory.read_lanes(lanes), *(v[lanes] for v in self._more().values())]
-        columns = [part.reshape(lanes.size, -1) for part in values]
+        columns = [part.reshape(lanes.size, math.prod(part.shape[1:])) for part in values]
         numbers = np.empty((lanes.size, self.dtype.itemsize // 8))
         np.concatenate(columns, axis=1, out=numbers[:, self._first :])
         states: Any = numbers.view(self.dtype)[:, 0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -87,8 +88,12 @@ def as_tensors(values: Mapping[str, Any]) -> list[Tensor]:
     tensors: list[Tensor] = []
     for name, given in values.items():
         value = given
-        if tensors and type(given) in (int, float):
-            value = tensors[0].new_tensor(float(given))
+        if tensors and not isinstance(given, Tensor):
+            if isinstance(given, bool) or not isinstance(given, numbers.Real):
+                raise TypeError(
+                    f"{name} must be a tensor of torch or a number, got {_checks.show(given)}"
+                )
+            value = tensors[0].new_tensor(_checks.number(name, given))
         tensors.append(check_tensor(name, value))
         if value.dtype != first[1].dtype or value.device != first[1].device:
             raise TypeError(

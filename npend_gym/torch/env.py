@@ -11,9 +11,11 @@ from gymnasium.vector import AutoresetMode
 from torch import Tensor
 from typing_extensions import Unpack
 
+from npend_gym import _checks
 from npend_gym.envs import EnvKeywords
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
+from npend_gym.envs.inputs import checked_state
 from npend_gym.envs.keywords import with_config_keywords
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.session import ManyLanes
@@ -209,9 +211,10 @@ class DifferentiableVectorEnv(ManyLanes):
         reward : Tensor, shape (B,)
         terminated, truncated : Tensor, bool, shape (B,)
         info : dict of Tensor
-            "theta" and "omega" [rad, rad/s], (B, n), "energy" [J], "time" [s], "success", and with
-            SAME_STEP "final_obs" and "final_info", of all lanes as they were before any began
-            again.
+            "theta" and "omega" [rad, rad/s], (B, n), "energy" [J], "time" [s] and "success". With a
+            cart also "cart_position" [m] and "cart_velocity" [m/s]; in modes with goals "goal"
+            [rad], (B, n). With SAME_STEP "final_obs" and "final_info", of all lanes as they were
+            before any began again.
 
         Raises
         ------
@@ -330,8 +333,16 @@ class DifferentiableVectorEnv(ManyLanes):
     @state.setter
     def state(self, value: tuple[Tensor, Tensor]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         self._calls.check(self, "state")
-        shape = tuple(self._theta.shape)
-        self._theta, self._omega = (
+        pair = _checks.listed("state", value, "(theta, omega)")
+        if len(pair) != 2:
+            raise ValueError(f"state must be two tensors, (theta, omega), got {len(pair)}")
+        shape, n = tuple(self._theta.shape), self.config.n
+        theta, omega = (
             check_tensor(name, given, shape, self.device).to(torch.float64)
-            for name, given in zip(("theta", "omega"), value, strict=True)
+            for name, given in zip(("theta", "omega"), pair, strict=True)
         )
+        # A step from numbers out of bounds would raise, and leave the environment without a state
+        columns = theta[:, :n], omega[:, :n], theta[:, n:], omega[:, n:]
+        numbers = torch.cat(columns, 1).detach().cpu().numpy()
+        checked_state(numbers, (self.num_envs, self.config.state_size), n)
+        self._theta, self._omega = theta, omega

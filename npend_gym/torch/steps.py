@@ -87,7 +87,9 @@ def step(
     torch.Size([2])
     """
     check_rigid(check_chain(chain).stiffness)
-    steps = _kept_steps(chain, tuple(joints))
+    # Checked before the cache, which takes 0.0 for 0
+    listed = checked_joints(_checks.listed("joints", joints, "(0,)"), chain.n)
+    steps = _kept_steps(chain, tuple(listed))
     given = dict(parameters or {})
     tensors = as_tensors({"theta": theta, "omega": omega, "torque": torque} | given)
     dtype, wide = tensors[0].dtype, [x.to(torch.float64) for x in tensors]
@@ -104,7 +106,7 @@ def step(
 
 @functools.lru_cache(maxsize=64)
 def _kept_steps(chain: Chain, joints: tuple[int, ...]) -> CompiledSteps:
-    return CompiledSteps(chain, checked_joints(joints, chain.n))
+    return CompiledSteps(chain, list(joints))
 
 
 def _broadcast(

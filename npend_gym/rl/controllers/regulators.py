@@ -144,15 +144,25 @@ def riccati(
     passive = np.ones(config.n, np.bool_)
     passive[motors(config)] = False
     q, free = state_weights(config), np.zeros_like(passive)
-    solutions: list[tuple[FloatArray, FloatArray]] = []
+    solutions: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for rub in (passive, free) if np.any(config.chain.friction[passive]) else (free,):
         a, b = discretise(config, angle, rub=rub)
         r = action_weight * np.eye(b.shape[1])
         s: FloatArray = np.asarray(solve_discrete_are(a, b, q, r), np.float64)
         gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
-        solutions.append((np.asarray(gain, np.float64), s))
+        solutions.append((np.asarray(gain, np.float64), s, a - b @ gain))
     # (l / g) omega^2 weighs like an angle
-    return min(solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(q)))))
+    gain, s, closed_loop = min(
+        solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(q))))
+    )
+    growth = float(np.abs(np.linalg.eigvals(closed_loop)).max())
+    if growth >= 1.0:  # SciPy finds a solution for one rod without torque, say
+        raise np.linalg.LinAlgError(
+            "the motors must be able to stabilise the equilibrium at angle "
+            f"{_checks.show(angle)}, got deviations that grow by a factor of {growth:.6g} in each "
+            "step: make the environment with a larger max_torque or max_force, or more motors"
+        )
+    return gain, s
 
 
 def state_weights(config: EnvConfig) -> FloatArray:
@@ -266,6 +276,8 @@ def energy_swing_up(
     ------
     TypeError, ValueError
         If an argument breaks its rule, or no motor is at the base or a cart.
+    numpy.linalg.LinAlgError
+        If the motors cannot stabilise the upright chain.
 
     Examples
     --------

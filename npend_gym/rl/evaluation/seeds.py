@@ -49,11 +49,12 @@ def episode_seeds(use: str, count: int, *, run: int = 0, spacing: int = 1) -> ra
     range(1000000, 1000100)
     """
     _checks.choice("use", use, USES)
+    run = _checks.count("run", run, low=0, high=MAX_SEED)
+    spacing = _checks.count("spacing", spacing)
     if use != "training":
         first, end = (VALIDATION, HELD_OUT) if use == "validation" else (HELD_OUT, _BEYOND)
         return range(first, first + _checks.count("count", count, high=end - first))
-    run, count = training_seed(run), _checks.count("count", count)
-    spacing = _checks.count("spacing", spacing)
+    count = _checks.count("count", count)
     first = spacing * run
     if count > spacing or first + count > VALIDATION:
         first = _BEYOND + max(spacing, count) * run

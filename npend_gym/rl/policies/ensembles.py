@@ -66,7 +66,13 @@ def ensemble(policies: Iterable[Policy], weights: Sequence[float] | None = None)
                     f"and {_checks.show(found[name])} in policies[{k}]: train them for the same "
                     "task, with other seeds"
                 )
-    given = _checks.vector("weights", 1.0 if weights is None else weights, len(policies))
+    count = len(policies)
+    given = np.ones(count) if weights is None else _checks.array("weights", weights)
+    if given.shape != (count,):
+        raise ValueError(
+            f"weights must be an array of shape ({count},), one number for each policy, "
+            f"got shape {given.shape}"
+        )
     shares = _checks.positive("weights", given) / given.sum()
     layers = zip(*(policy.weights for policy in policies), strict=True)
     matrices: list[FloatArray] = [block_diag(*layer) for layer in layers]

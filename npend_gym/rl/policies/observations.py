@@ -88,7 +88,15 @@ def observation_of(
         where = "with goal_env=True" if config.goal_env else f"in mode {config.mode.name!r}"
         raise ValueError(f"goal must be {needed} {where}")
     if goal is not None:
-        parts.append(np.broadcast_to(np.cos(_rows("goal", goal, config.n)), angles.shape))
+        goals = _rows("goal", goal, config.n)
+        try:
+            parts.append(np.broadcast_to(np.cos(goals), angles.shape))
+        except ValueError as error:
+            wanted = f"({config.n},)" + (f" or {angles.shape}" if angles.ndim == 2 else "")
+            raise ValueError(
+                f"goal must have the shape {wanted} for theta of shape {angles.shape}, "
+                f"got {goals.shape}"
+            ) from error
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 

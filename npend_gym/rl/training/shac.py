@@ -299,4 +299,5 @@ TASKS: dict[str, dict[str, Any]] = {
 
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "swingup-2"."""
-    return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
+    fields: dict[str, Any] = {"env": env_of_task(task), **TASKS.get(task, {}), **changes}
+    return Settings(**fields)

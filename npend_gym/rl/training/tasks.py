@@ -108,9 +108,14 @@ def env_of_task(task: str) -> dict[str, Any]:
     rods on the latter's, as poles like its own. There "balance-4-cart" has spread=0.002 and
     "balance-5-cart" spread=0.0005.
     """
-    mode, n, *words = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
-    if not (mode in MODES and n.isdecimal() and _WORDS.issuperset(words)):
-        raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
+    text = task if isinstance(task, str) else ""  # pyright: ignore[reportUnnecessaryIsInstance]
+    mode, n, *words = [*text.split("-"), ""][: max(2, text.count("-") + 1)]
+    known = mode in MODES and n.isdecimal() and _WORDS.issuperset(words)
+    if not known or int(n) == 0:
+        raise ValueError(
+            'task must be like "swingup-2" or "swingup-2-robust", with at least one rod, '
+            f"got {_checks.show(task)}"
+        )
     keywords: dict[str, Any] = {}
     for word in words:
         if word in ("pendubot", "acrobot") and n != "2":
