@@ -281,3 +281,27 @@ def test_long_text_among_numbers_fills_no_memory():
         Chain(masses, 1.0)
     with pytest.raises(TypeError, match="masses must hold real numbers, got"):
         Chain([masses, masses], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"damping": [[0.1, np.nan]] * 2}, "damping must be finite"),
+        ({"masses": np.full((2, 2), np.nan)}, "masses must be finite"),
+        ({"friction_speed": np.full((2, 2), np.inf)}, "friction_speed must be finite"),
+        ({"gear": np.full((2, 2), np.nan)}, "gear must be finite"),
+        ({"damping": np.ones((2, 5))}, r"damping must have the shape \(2, 2\), .* got \(2, 5\)"),
+        ({"gravity": np.ones((2, 2))}, r"gravity must have the shape \(2,\), a row for each"),
+        ({"dampin": np.ones((2, 2))}, r"no parameter 'dampin'; did you mean 'damping'\?"),
+    ],
+)
+def test_a_change_of_chains_side_by_side_that_breaks_a_rule_is_refused(changes, message):
+    many = Chain.uniform(2).repeated(2)
+    for change in (lambda: Chain.uniform(2).repeated(2, **changes), lambda: many.changed(changes)):
+        with pytest.raises((TypeError, ValueError), match=message):
+            change()
+
+
+def test_gear_ratios_of_chains_side_by_side_may_be_infinite():
+    gear = np.array([[np.inf, -6.0], [2.0, np.inf]])
+    np.testing.assert_array_equal(Chain.uniform(2).repeated(2, gear=gear).gear, gear)

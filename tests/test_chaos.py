@@ -448,3 +448,41 @@ def test_a_bad_acceleration_of_the_pivot_is_refused_by_its_name(bad):
     ):
         with pytest.raises((ValueError, TypeError), match="pivot_acceleration must"):
             measure()
+
+
+def test_tangent_vectors_in_a_list_or_a_read_only_array_are_copied():
+    def end(vectors):
+        carried = chaos.tangents(Chain.uniform(2), 1.0, 0.0, [0.0, 0.5], vectors)
+        return [frames for _, frames in carried][-1][-1]
+
+    fixed = np.eye(4)
+    fixed.flags.writeable = False
+    for vectors in (fixed, np.eye(4).tolist()):
+        np.testing.assert_array_equal(end(vectors), end(np.eye(4)))
+    np.testing.assert_array_equal(fixed, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("times", "vectors", "message"),
+    [
+        ([], np.eye(4), "times must be a list of increasing instants"),
+        (1.0, np.eye(4), "times must be a list of increasing instants"),
+        ([0.0, 1.0], None, "vectors must hold real numbers, got None"),
+        ([0.0, 1.0], np.full((1, 4), np.nan), "vectors must be finite"),
+    ],
+)
+def test_wrong_times_and_tangent_vectors_are_refused_by_name(times, vectors, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        chaos.tangents(Chain.uniform(2), 1.0, 0.0, times, vectors)
+
+
+def test_the_growth_refuses_times_and_shares_outside_its_run():
+    growth = chaos.tangent_growth(Chain.uniform(2), [2.0, 2.0], duration=5.0)
+    assert growth.rate_after(5.0) == growth.rate_after(float(growth.times[-2]))
+    for ask, message in (
+        (lambda: growth.onset("a"), "rate must be a real number"),
+        (lambda: growth.onset(share=-1.0), "share must be between 0 and 1, got -1"),
+        (lambda: growth.rate_after(100.0), "between 0 and the duration of the run, 5 s, got 100"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=message):
+            ask()

@@ -232,6 +232,8 @@ def test_what_has_no_derivative_is_refused_by_name():
         ensemble.step_vjp(0.0, 0.05, theta_bar=1.0, omega_bar=0.0, parameters=["mass"])
     with pytest.raises(ValueError, match=r"masses must have the shape \(1, 2\), got"):
         ensemble.step_jacobian(0.0, 0.05, parameters={"masses": [[1.0, 2.0, 3.0]]})
+    with pytest.raises(TypeError, match=r"parameters must be a dict .* got \['masses'\]"):
+        ensemble.step_jacobian(0.0, 0.05, parameters=["masses"])
     with pytest.raises(ValueError, match="theta_bar must"):
         ensemble.step_vjp(0.0, 0.05, theta_bar=np.zeros(3), omega_bar=0.0)
     ensemble.set_state(slice(None), 1.0)

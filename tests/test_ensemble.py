@@ -353,3 +353,11 @@ def test_a_member_on_a_cart_has_the_mass_that_was_given():
     for mass in np.random.default_rng(0).uniform(0.1, 10.0, 100):
         found = Ensemble(Chain.uniform(1, base=Cart(mass)), 1).chain(0).base.mass
         assert 1.0 / found == 1.0 / mass  # no motion differs
+
+
+@pytest.mark.parametrize("cart", [(0.0,), (0.0, 0.0, 0.0), 0.5, (1.0, 0.0)])
+def test_an_ensemble_that_refuses_the_state_of_a_cart_stays_in_use(cart):
+    many = ensemble()
+    with pytest.raises((TypeError, ValueError), match="cart must be"):
+        many.set_state(0, 0.1, cart=cart)
+    np.testing.assert_array_equal(many.theta, THETA)

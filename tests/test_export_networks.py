@@ -10,8 +10,9 @@ from test_rl_memory import policy_with_memory
 
 from npend_gym import __version__
 from npend_gym.cli import main
+from npend_gym.envs import EnvConfig
 from npend_gym.export import to_onnx, to_torch
-from npend_gym.rl import Policy
+from npend_gym.rl import Policy, lqr
 
 POLICIES = {
     "calm-10": Policy.pretrained("calm-10"),
@@ -116,3 +117,9 @@ def test_the_command_writes_the_file(form, file, tmp_path, refusal):
     assert f"out must be a file that ends in {file[6:]}" in refusal("export", "calm-1", *wrong)
     given = ["--to", form, "-o", str(tmp_path / file)]
     assert "--prefix is for --to c" in refusal("export", "calm-1", *given, "--prefix", "a")
+
+
+@pytest.mark.parametrize(("write", "file"), [(to_torch, "lqr.pt2"), (to_onnx, "lqr.onnx")])
+def test_a_controller_is_refused_because_it_is_no_network(write, file, tmp_path):
+    with pytest.raises(TypeError, match=r"policy must be a Policy, got StateFeedback.* to_c"):
+        write(lqr(EnvConfig(n=2, mode="balance")), tmp_path / file)

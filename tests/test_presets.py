@@ -86,3 +86,8 @@ def test_a_name_stands_for_a_chain():
     assert Chain.preset("realaigym C.1") == Chain.realaigym("C.1")
     assert Chain.preset("multiarm 2") == Chain.multiarm(2)
     assert Chain.preset("dm_control cartpole") == Chain.dm_control("cartpole")
+
+
+def test_centres_and_inertias_that_are_given_replace_those_of_rods():
+    given = Chain.rods(2.0, 1.0, centres=0.3, inertias=0.5)
+    assert given == Chain(2.0, 1.0, centres=0.3, inertias=0.5)

@@ -314,3 +314,29 @@ def test_motions_without_derivatives_are_refused_by_name():
         wild.sensitivities()
     with pytest.raises(FloatingPointError, match=r"beyond all bounds until t = \d00 s"):
         wild.gradient(1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("chain", "name"),
+    [
+        (Chain.acrobot(), "drag"),
+        (Chain.uniform(2), "armature"),
+        (Chain.uniform(2), "stiffness"),
+        (Chain.uniform(2, stiffness=1e3), "inertias"),
+    ],
+)
+def test_a_chain_made_as_the_refusal_of_a_parameter_says_can_be_differentiated_by_it(chain, name):
+    direction = {name: [[1.0, 0.0]]}
+    with pytest.raises(ValueError, match=f"{name} cannot be differentiated") as refused:
+        simulate(chain, 0.3, 0.0, TIMES).sensitivities(parameters=direction)
+    given = chain.as_dict()
+    if "stiffness=..." in str(refused.value):
+        given["stiffness"] = 1e3
+    else:
+        assert "give it dry friction, friction=1e-30 at least" in str(refused.value)
+        assert ("leave out stiffness" in str(refused.value)) == ("stiffness" in given)
+        for springs in ("stiffness", "axial_damping"):
+            given.pop(springs, None)
+        given["friction"] = 1e-30
+    motion = simulate(Chain.from_dict(given), 0.3, 0.0, TIMES)
+    assert motion.sensitivities(parameters=direction).C.shape[-1] == 1

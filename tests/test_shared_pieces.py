@@ -10,6 +10,7 @@ import npend_gym
 from npend_gym._extras import require
 from npend_gym._provenance import provenance
 from npend_gym.experiments import power_law
+from npend_gym.report import write_csv
 
 
 def test_a_library_that_is_installed_but_broken_is_not_called_missing(tmp_path, monkeypatch):
@@ -48,3 +49,9 @@ def test_confidence_intervals_hold_the_truth_as_often_as_they_say():
     fits = [power_law(x, x**0.5 * np.exp(0.1 * rng.normal(size=8))) for _ in range(400)]
     held = np.mean([abs(fit.value - 0.5) <= fit.error for fit in fits])
     assert held == pytest.approx(0.95, abs=0.03)
+
+
+def test_a_table_without_rows_is_refused_because_it_has_no_columns(tmp_path):
+    with pytest.raises(ValueError, match=r"rows must hold at least one row, .* got \[\]"):
+        write_csv(tmp_path / "table.csv", [])
+    assert not any(tmp_path.iterdir())

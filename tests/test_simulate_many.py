@@ -672,3 +672,15 @@ def test_the_energies_of_links_are_the_energy_of_the_chain():
             energy.energy_of_links(chain, theta, omega).sum(axis=-1),
             energy.energy(chain, theta, omega), rtol=1e-13,
         )  # fmt: skip
+
+
+def test_the_velocity_of_a_moved_pivot_is_a_pair_for_all_motions_or_one_for_each():
+    def first(velocity, count=3):
+        start = np.zeros((count, 2))
+        lifted = {"pivot_acceleration": (0.0, 0.0), "velocity": velocity}
+        return simulate(DOUBLE, start, 0.0, TIMES[:2], **lifted).velocity[:, 0].tolist()
+
+    assert first([1.0, -1.0], count=2) == [[1.0, -1.0]] * 2
+    assert first(np.arange(6.0).reshape(3, 2)) == [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]
+    with pytest.raises(ValueError, match=r"number or two \(sideways and up\), or .*\(3, 2\), got"):
+        first([1.0, 2.0, 3.0])

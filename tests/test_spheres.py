@@ -119,3 +119,8 @@ def test_balls_of_unequal_densities_hang_in_vacuum_and_parameters_of_chains_repl
     hollow = Chain.spheres(2, 0.02, 0.2, 90.0, inertias=2e-7, damping=1e-6)
     assert hollow.inertias.tolist() == [2e-7, 2e-7]
     assert hollow.damping.tolist() == [1e-6, 1e-6]
+
+
+def test_lengths_of_balls_are_refused_beside_their_spacing():
+    with pytest.raises(TypeError, match=r"lengths must be left out, .* give spacing=0\.2"):
+        Chain.spheres(2, 0.01, 0.1, STEEL, lengths=0.2)

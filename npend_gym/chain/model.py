@@ -250,8 +250,9 @@ class Chain(NamedChains):
 
         Raises
         ------
-        ValueError
-            If a change breaks the rule of its parameter.
+        TypeError, ValueError
+            If a name is unknown, or a change is not finite, has the wrong shape, or breaks the
+            rule of its parameter.
         """
         own = {name: np.asarray(getattr(self, name))[None] for name in ChainParameters._fields}
         if size == 1 and not changes:

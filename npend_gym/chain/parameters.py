@@ -84,10 +84,12 @@ class ChainParameters(NamedTuple):
 
         Raises
         ------
-        ValueError
-            If a change breaks the rule of its parameter.
+        TypeError, ValueError
+            If a name is unknown, or a change is not finite, has another shape than the parameter,
+            or breaks its rule.
         """
-        values = self._asdict() | {k: check_parameter(k, row) for k, row in changes.items()}
+        own = self._asdict()
+        values = own | {name: _check_change(name, row, own) for name, row in changes.items()}
         if "lengths" in changes and "centres" not in changes:
             at_the_end = self.centres == self.lengths
             values["centres"] = np.where(at_the_end, values["lengths"], self.centres)
@@ -180,6 +182,24 @@ def check_parameter(name: str, value: FloatArray) -> FloatArray:
         return value
     must_be_positive = any(word in name for word in _POSITIVE)
     return (_checks.positive if must_be_positive else _checks.at_least_zero)(name, value)
+
+
+def _check_change(name: str, row: Any, own: Mapping[str, FloatArray]) -> FloatArray:
+    """Return new values of a parameter of chains that have `own` parameters now."""
+    if name not in own:
+        raise TypeError(
+            f"chains side by side have no parameter {name!r}{_checks.nearest(name, own)} They have "
+            f"{', '.join(own)}"
+        )
+    ratios = name == "gear" and getattr(row, "dtype", None) == np.float64  # may be infinite
+    infinite = np.isinf(row) if ratios else None
+    checked = _checks.array(name, row if infinite is None else np.where(infinite, 1.0, row))
+    if checked.shape != own[name].shape:
+        raise ValueError(
+            f"{name} must have the shape {own[name].shape}, a row for each chain, "
+            f"got {checked.shape}"
+        )
+    return check_parameter(name, checked if infinite is None else np.where(infinite, row, checked))
 
 
 def gear_ratios(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:

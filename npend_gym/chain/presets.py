@@ -73,7 +73,8 @@ class NamedChains:
         tips : float or array_like, shape (n,)
             Mass at the lower end of each rod [kg], zero or more.
         **parameters
-            Further parameters of `Chain`: `gravity`, `damping`, `friction`, ...
+            Further parameters of `Chain`: `gravity`, `damping`, `friction`, ...; `centres` and
+            `inertias` replace those of uniform rods.
 
         Raises
         ------
@@ -89,7 +90,8 @@ class NamedChains:
         half = 0.5 * _checks.positive("lengths", length)
         centres = length - half * (rod / whole)
         inertias = rod * half**2 / 3.0 + (rod * tip / whole) * half**2  # of the rod, of the pair
-        return cls(whole, length, centres=centres, inertias=inertias, **parameters)
+        computed: dict[str, Any] = {"centres": centres, "inertias": inertias}
+        return cls(whole, length, **computed | parameters)
 
     @classmethod
     def spheres(
@@ -133,8 +135,8 @@ class NamedChains:
             the fluid and the cross-section. With Stokes' drag the whole coefficient is
             24 / Re + `drag_coefficient`.
         **parameters
-            Further parameters of `Chain`, which replace those of balls where both have them:
-            `damping`, `base`, `inertias` of hollow balls, ...
+            Further parameters of `Chain` except `lengths`, which are `spacing`. They replace those
+            of balls where both have them: `damping`, `base`, `inertias` of hollow balls, ...
 
         Raises
         ------
@@ -162,6 +164,11 @@ class NamedChains:
         >>> round(in_water.gravity, 4)
         8.0371
         """
+        if "lengths" in parameters:
+            raise TypeError(
+                "lengths must be left out, because those of spheres are their spacing: give "
+                f"spacing={_checks.show(parameters['lengths'])}"
+            )
         n = _checks.count("n", n, high=MAX_RODS)
         balls = Balls(n, radius, spacing, density)
         in_fluid = balls.immersed(gravity, fluid_density, viscosity, drag_coefficient)

@@ -63,7 +63,15 @@ class Growth:
 
         None where it does not. The time depends on both arguments: it says when this run passes
         them, and is no property of the motion.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `rate` is no number, or `share` is none between 0 and 1.
         """
+        rate = _checks.number("rate", rate)
+        if not 0.0 <= (share := _checks.number("share", share)) <= 1.0:
+            raise ValueError(f"share must be between 0 and 1, got {share:g}")
         window = max(1, round(share * self.times.size))
         rates = (self.logarithm[window:] - self.logarithm[:-window]) / (
             self.times[window:] - self.times[:-window]
@@ -72,8 +80,18 @@ class Growth:
         return float(self.times[fast[0]]) if fast.size else None
 
     def rate_after(self, start: float | None) -> float:
-        """Return the mean rate of growth [1/s] from the time `start` [s] on; None: of all."""
-        last = self.times.size - 1
+        """Return the mean rate of growth [1/s] from the time `start` [s] on; None: of all.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `start` is no time between 0 and the duration.
+        """
+        last, end = self.times.size - 1, float(self.times[-1])
+        if start is not None and not 0.0 <= (start := _checks.number("start", start)) <= end:
+            raise ValueError(
+                f"start must be between 0 and the duration of the run, {end:g} s, got {start:g}"
+            )
         k = 0 if start is None else min(int(np.searchsorted(self.times, start)), last - 1)
         span = float(self.times[-1] - self.times[k])
         return float((self.logarithm[-1] - self.logarithm[k]) / span)
@@ -170,7 +188,7 @@ def neighbour_distance(
     theta, change : array_like, shape (n,)
         Angles of the one start, and how much those of the other differ from them [rad].
     times : array_like, shape (T,)
-        Instants [s].
+        Instants [s], increasing; both releases happen at the first of them.
 
     Returns
     -------

@@ -34,7 +34,7 @@ def tangents(
     theta: ArrayLike,
     omega: ArrayLike,
     times: ArrayLike,
-    vectors: FloatArray,
+    vectors: ArrayLike,
     *,
     rtol: float = 1e-11,
     steps: int = 256,
@@ -50,10 +50,11 @@ def tangents(
     chain : Chain
     theta, omega : array_like, shape (n,)
         The start [rad, rad/s]; one number stands for all rods.
-    times : ndarray, shape (T,)
-        Instants [s]; the motion starts at the first, which is not yielded.
+    times : array_like, shape (T,)
+        Instants [s], increasing; the motion starts at the first, which is not yielded.
     vectors : ndarray, shape (D, 2m)
-        Changes of all coordinates and their rates at the start, float64; it is overwritten.
+        Changes of all coordinates and their rates at the start, float64; it is overwritten. A list
+        or a read-only array is copied, and the copy overwritten.
     rtol : float
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     steps : int
@@ -83,14 +84,19 @@ def tangents(
     >>> np.round(grown, 2).tolist()
     [4.49, 2.19, 5.87, 2.72]
     """
-    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration, float(np.asarray(times)[0]))
+    instants, steps = check_times(times, check_chain(chain).n), _checks.count("steps", steps)
+    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration, float(instants[0]))
     size = motion.state.size
-    if vectors.ndim != 2 or vectors.shape[1] != size or vectors.dtype != np.float64:
+    own: Any = vectors
+    if not isinstance(vectors, np.ndarray) or not vectors.flags.writeable:
+        own = _checks.array("vectors", vectors)
+    if own.ndim != 2 or own.shape[1] != size or own.dtype != np.float64:
         raise ValueError(
-            f"vectors must be float64 of shape (D, {size}), got {vectors.dtype} {vectors.shape}"
+            f"vectors must be float64 of shape (D, {size}), got {own.dtype} {own.shape}"
         )
-    instants, steps = check_times(times, chain.n), _checks.count("steps", steps)
-    carried = carry(motion, instants, vectors, steps=steps)
+    if not np.isfinite(own).all():
+        raise ValueError(f"vectors must be finite, got {_checks.show(own.tolist())}")
+    carried = carry(motion, instants, own, steps=steps)
     return ((where, frames) for where, frames, _ in carried)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from npend_gym import _checks
 from npend_gym._extras import require
 from npend_gym._files import replacing
 from npend_gym._version import __version__
@@ -65,6 +66,8 @@ def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
 
     Raises
     ------
+    TypeError
+        If `policy` is no Policy.
     ImportError
         If the extra "export" is not installed.
 
@@ -74,6 +77,7 @@ def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
     >>> from npend_gym.rl import Policy
     >>> to_onnx(Policy.pretrained("swingup-2"), "policy.onnx")
     """
+    _check_policy(policy)
     onnx = require("onnx", "export", "files of ONNX")
     k, joints, length = policy.observed, len(policy.biases[-1]), len(policy.scale)
     text = _WITH_MEMORY if policy.has_memory else _WITHOUT_MEMORY
@@ -108,6 +112,8 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
 
     Raises
     ------
+    TypeError
+        If `policy` is no Policy.
     ImportError
         If PyTorch is not installed.
     ValueError
@@ -119,6 +125,7 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
     >>> from npend_gym.rl import Policy
     >>> to_torch(Policy.pretrained("swingup-2"), "policy.pt2")
     """
+    _check_policy(policy)
     torch = require("torch", "rl", "programs of PyTorch")
     if Path(path).suffix != ".pt2":
         raise ValueError(f"path must end in .pt2, got {path}")
@@ -131,6 +138,14 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
     )
     with replacing(Path(path), binary=True) as file:
         torch.export.save(program, file, extra_files=_texts(policy))
+
+
+def _check_policy(policy: Any) -> None:
+    """Raise a TypeError for what is no network."""
+    if not isinstance(policy, Policy):
+        raise TypeError(
+            f"policy must be a Policy, got {_checks.show(policy)}; to_c writes controllers as well"
+        )
 
 
 def _texts(policy: Policy) -> dict[str, str]:

@@ -95,9 +95,10 @@ class Identification:
         return list(zip(self.names, self.units, *numbers, strict=True))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the residuals as plain numbers, lists and dicts, ready for JSON.
+        """Return the result as plain numbers, lists and dicts, ready for JSON.
 
-        NaN and infinity become None.
+        It leaves out `residuals` and the mask `held_out`; `outliers` is their number. NaN and
+        infinity become None.
         """
         return {
             "chain": self.chain.as_dict(),

@@ -106,7 +106,8 @@ class DifferentiableEnsemble(Ensemble):
             As for `advance`.
         parameters : mapping of str to array_like, shape (K, n), optional
             K directions in which parameters of all members change together, by their names in
-            `Chain`; the shape for gravity is (K,).
+            `Chain`; the shape for gravity is (K,). See the notes of `Trajectory.sensitivities` for
+            those of each kind of chain.
 
         Returns
         -------
@@ -153,7 +154,8 @@ class DifferentiableEnsemble(Ensemble):
         theta_bar, omega_bar : array_like, shape (B, c)
             Derivatives of the function by the states after the step; one number stands for all.
         parameters : sequence of str
-            Names of the parameters of `Chain` by which derivatives are wanted as well.
+            Names of the parameters of `Chain` by which derivatives are wanted as well; see the
+            notes of `Trajectory.sensitivities` for those of each kind of chain.
 
         Returns
         -------

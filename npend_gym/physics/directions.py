@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,10 +43,26 @@ def check_names(names: Iterable[str], kind: Kind) -> list[str]:
         if name not in known:
             raise ValueError(
                 f"{name} cannot be differentiated for this kind of chain, which has "
-                f"{', '.join(known)}: make it of links, or with friction, "
-                f"if only of {_checks.SMALLEST:g}"
+                f"{', '.join(known)}: {_way_out(name, kind)}"
             )
     return chosen
+
+
+def _way_out(name: str, kind: Kind) -> str:
+    """Return how a chain is made that can be differentiated by the parameter."""
+    if name in ("stiffness", "axial_damping"):
+        return "simulate a chain of point masses with springs, Chain(..., stiffness=...)"
+    rigid = "leave out stiffness, and " if kind is SpringArrays else ""
+    return f"{rigid}give it dry friction, friction={_checks.SMALLEST:g} at least"
+
+
+def _check_mapping(parameters: Any) -> Mapping[str, ArrayLike]:
+    if not isinstance(parameters, Mapping):
+        raise TypeError(
+            "parameters must be a dict of directions by name, such as {'masses': np.eye(n)}, "
+            f"got {_checks.show(parameters)}"
+        )
+    return cast("Mapping[str, ArrayLike]", parameters)
 
 
 def check_directions(
@@ -56,8 +72,9 @@ def check_directions(
 
     `ends` (B, n) says which centres of mass are at the ends of rods, and stay there.
     """
-    names = check_names(parameters or (), kind)
-    directions = {name: _checks.array(name, (parameters or {})[name]) for name in names}
+    given = _check_mapping({} if parameters is None else parameters)
+    names = check_names(given, kind)
+    directions = {name: _checks.array(name, given[name]) for name in names}
     rows = {name: () if name == "gravity" else (n,) for name in names}
     count = max(
         (len(x) for name, x in directions.items() if x.ndim == 1 + len(rows[name])), default=0

@@ -175,7 +175,13 @@ class Ensemble(Members):
             Position [m] and velocity [m/s] of the carts.
         """
         chosen = check_members(members, self.size)
-        carts = [self._of_cart("cart", value, (chosen.size,)) for value in cart]
+        pair = _checks.listed("cart", cart, "(0.0, 0.0)")
+        if len(pair) != 2:
+            raise ValueError(
+                "cart must be two entries, the positions [m] and the velocities [m/s] of the "
+                f"carts, got {_checks.show(cart)}"
+            )
+        carts = [self._of_cart("cart", value, (chosen.size,)) for value in pair]
         states = check_states(self.n, theta=theta, omega=omega)
         if states[0].shape not in ((self.n,), (chosen.size, self.n)):
             raise ValueError(

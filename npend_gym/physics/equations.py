@@ -154,8 +154,9 @@ def _of_base(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     if given.ndim != 1 or len(shape) == 1:
         return _checks.broadcast(name, given, shape)
     if given.shape != shape[-1:]:
+        pair = " or two (sideways and up)," if shape[-1] == 2 else ""
         raise ValueError(
-            f"{name} must be one number or an array of shape {shape}, got shape {given.shape}"
+            f"{name} must be one number{pair} or an array of shape {shape}, got shape {given.shape}"
         )
     return np.array(np.broadcast_to(given, shape))
 
@@ -185,7 +186,8 @@ def accelerations(
     Returns
     -------
     ndarray, shape (..., m)
-        Of the angles [rad/s^2], then of the cart [m/s^2], then of the stretches [m/s^2].
+        Of the angles [rad/s^2], then of the cart [m/s^2], then of the stretches [m/s^2]. With
+        `pivot_acceleration` the two numbers of the pivot stand in the place of the cart's.
 
     Raises
     ------

@@ -37,7 +37,11 @@ class Members:
 
     @property
     def work(self) -> FloatArray:
-        """Work of torques, damping and drag since the state was set [J], shape (B,)."""
+        """Work of torques, damping, dry friction and drag since the state was set [J], shape (B,).
+
+        On a cart it includes the work of the force on the cart and of the damping of its rail:
+        there it is no change of `energy`, which leaves out the motion of the cart.
+        """
         return self._intact.members[Member.WORK].copy()
 
     @property
@@ -72,12 +76,16 @@ class Members:
 
     @property
     def kinetic_energy(self) -> FloatArray:
-        """Kinetic energy [J], shape (B,)."""
+        """Kinetic energy [J], shape (B,), relative to the pivot: without the motion of a cart."""
         return _energy.kinetic_energy(self.parameters, self.theta, self.omega)
 
     @property
     def energy(self) -> FloatArray:
-        """Energy above hanging at rest [J], shape (B,)."""
+        """Energy above hanging at rest [J], shape (B,).
+
+        It is relative to the pivot. On a cart it leaves out the motion of the cart, so that its
+        change is not `work`.
+        """
         return _energy.energy(self.parameters, self.theta, self.omega)
 
     @property

@@ -179,6 +179,7 @@ def sensitivities(
     parameters : mapping of str to array_like, shape (K, n), optional
         K directions in which parameters of the chain change together, by their names in
         `Chain`; the shape for gravity is (K,). ``{"masses": np.eye(n)}`` is each mass alone.
+        See the notes for those of each kind of chain.
 
     Returns
     -------
@@ -190,8 +191,8 @@ def sensitivities(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule, the motion was not made by `simulate`, or the
-        derivatives would take more than 8 GB.
+        If an argument breaks its rule, `simulate` did not make the motion, an event ended it, or
+        the derivatives would take more than 8 GB.
     FloatingPointError
         If derivatives grow beyond all bounds.
 
@@ -201,6 +202,11 @@ def sensitivities(
     fixed: for "dop853" those of each accepted step and of the polynomial between its ends.
     Functions of time and Signals count as given. The motion is integrated once more, with the
     same bits. The time grows as the number of derivatives, the memory is that of the result.
+
+    Parameters of point masses are masses, lengths, gravity, damping, drag and quadratic_drag; with
+    springs also stiffness and axial_damping. Those of links are masses, lengths, gravity, damping,
+    centres and inertias. A rigid chain that has dry friction, a rotor, drag on links or a base that
+    moves has all but those of springs. So ``friction=1e-30`` gives a chain all of them.
     """
     motion, state, n = *_retaken(trajectory), trajectory.chain.n
     wanted = check_inputs(trajectory.chain, joints)
@@ -241,7 +247,8 @@ def gradient(
         Derivatives of the function by the angles (or all coordinates) and their rates at all
         times; one number stands for all.
     parameters : sequence of str
-        Names of the parameters of `Chain` by which derivatives are wanted as well.
+        Names of the parameters of `Chain` by which derivatives are wanted as well; see the notes
+        of `sensitivities` for those of each kind of chain.
 
     Returns
     -------
@@ -252,7 +259,7 @@ def gradient(
     Raises
     ------
     ValueError, TypeError, FloatingPointError
-        As for `sensitivities`.
+        As for `sensitivities`, also where an event ended the motion.
 
     Notes
     -----

@@ -65,8 +65,8 @@ def simulate(
         Instants at which the state is wanted [s], increasing.
     position, velocity : float or array_like, shape (B,)
         Of the cart at ``times[0]`` [m and m/s], if the chain has one. With `pivot_acceleration`
-        those of the pivot, also as two numbers, sideways and up: where there is drag, the motion
-        of the chain depends on its velocity.
+        those of the pivot: one number, sideways; two numbers, sideways and up, for all motions; or
+        shape (B, 2). Where there is drag, the motion of the chain depends on its velocity.
     stretch, stretch_rate : float or array_like, shape (n,) or (B, n), optional
         How much longer than ``chain.lengths`` springs are at ``times[0]`` [m], and its rate [m/s],
         zero where only `stretch` is given. By default springs carry the tensions of rigid rods,

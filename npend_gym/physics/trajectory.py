@@ -168,7 +168,11 @@ class Trajectory:
         return len(self.theta)
 
     def __getitem__(self, k: int) -> Trajectory:
-        """Return the motion `k` of many, up to the event that ended it, if one did."""
+        """Return the motion `k` of many, up to the event that ended it, if one did.
+
+        Its arrays are views of this trajectory where no event ended the motion: copy them before
+        you write to them.
+        """
         count = len(self)
         if not -count <= operator.index(k) < count:
             raise IndexError(f"motion must be from {-count} to {count - 1}, got {k}")

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym import _files
+from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 
@@ -40,7 +40,18 @@ def prepare_folder(out: Path) -> None:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
-    """Write `rows`, whose keys are the columns, to `path`, whole or not at all."""
+    """Write `rows`, whose keys are the columns, to `path`, whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If there are no rows.
+    """
+    if not rows:
+        raise ValueError(
+            "rows must hold at least one row, because its keys name the columns; "
+            f"got {_checks.show(rows)}"
+        )
     with _files.replacing(path) as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
         writer.writeheader()
