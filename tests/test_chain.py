@@ -292,7 +292,7 @@ def test_long_text_among_numbers_fills_no_memory():
         ({"gear": np.full((2, 2), np.nan)}, "gear must be finite"),
         ({"damping": np.ones((2, 5))}, r"damping must have the shape \(2, 2\), .* got \(2, 5\)"),
         ({"gravity": np.ones((2, 2))}, r"gravity must have the shape \(2,\), a row for each"),
-        ({"dampin": np.ones((2, 2))}, r"no parameter 'dampin'; did you mean 'damping'\?"),
+        ({"dampings": np.ones((2, 2))}, r"no parameter 'dampings'; did you mean 'damping'\?"),
     ],
 )
 def test_a_change_of_chains_side_by_side_that_breaks_a_rule_is_refused(changes, message):
