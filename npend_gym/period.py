@@ -104,7 +104,7 @@ def pseudo_periods(
     "bob" and "link" take the first + to - crossing after a - to + crossing for a release from
     positive angles (mirrored for negative ones; for "bob" the side on which the bob starts
     counts), so that a rod that first drifts the other way is not credited with that. t = 0 is no
-    crossing. One that starts at zero counts as released from positive angles. "com" does so with
+    crossing. A bob that starts at zero counts as released from positive angles. "com" does so with
     the centre of mass. A sign counts once the speed has exceeded 1e-6
     sqrt(g/l), times l for "bob" and "com", l being the mean length: the outer rods of a uniform
     release rest, at rounding level, until the wave reaches them. Beyond pi/2 a bob reverses more

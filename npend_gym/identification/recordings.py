@@ -22,7 +22,7 @@ from npend_gym.identification.motion import Motion, check_motion
 _MAX_CELLS = 50_000_000
 _QUOTES = "quotation marks must begin and end a cell within its line"
 # what `Trajectory.to_csv` writes of chains that no fit takes
-_NOT_HUNG = {"position", "position_x", "stretch0"}
+_NOT_HUNG = "position", "position_x", "stretch0"
 _NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
 
 
@@ -168,7 +168,7 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
                         "theta1, ..., and may name tau0, ... and piece; other names are given by "
                         "columns"
                     )
-            for name in _NOT_HUNG.intersection(names):
+            for name in filter(names.__contains__, _NOT_HUNG):
                 warnings.warn(
                     f"{path} has the column {name}, which is not read: identify takes the motion "
                     "of rigid chains that hang from a fixed pivot",

@@ -156,7 +156,7 @@ def simulate(
     instants, frames = _until_ends(watches, instants, frames, one=one)
     which = 0 if one else slice(None)  # one motion has no leading axis
     parts: dict[str, Any] = _columns_of(started.states.mechanism, frames[which])
-    parts |= _found(watches, frames[:, 0], one=one)
+    parts |= _found(watches, *frames[:, 0].shape, one=one)
     return Trajectory(
         chains[0], instants, provenance=provenance(started.described()), recipe=started.recipe,
         counts=counts[:, which].astype(np.int64) if "rtol" in settings else None,
@@ -215,15 +215,18 @@ def _until_ends(
     return times[:last], frames[:, :last]
 
 
-def _found(watches: list[Watch], begin: FloatArray, *, one: bool) -> dict[str, Any]:
-    """Return what was found in each motion from `begin`, (B, 2m), by the names of `Trajectory`."""
+def _found(watches: list[Watch], count: int, width: int, *, one: bool) -> dict[str, Any]:
+    """Return what was found in each of `count` motions, by the names of `Trajectory`.
+
+    `width` is that of a state, 2m.
+    """
     found = [watch.as_dict() for watch in watches]
-    ended = [watch.end is not None for watch in watches] or [False] * len(begin)
+    ended = [watch.end is not None for watch in watches] or [False] * count
     if one:
         return {"status": int(ended[0])} | {name: own[name] for own in found for name in EVENTS}
     each = {name: zip(*(own[name] for own in found), strict=True) for name in EVENTS}
     lists = {name: [list(of_event) for of_event in own] for name, own in each.items()}
-    none = Occurrence(np.nan, np.full(begin.shape[1], np.nan))
+    none = Occurrence(np.nan, np.full(width, np.nan))
     ends = np.array([np.append(*(watch.end or none)) for watch in watches]) if any(ended) else None
     return {"status": np.array(ended, np.int64), "ends": ends} | lists
 

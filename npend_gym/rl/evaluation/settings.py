@@ -15,7 +15,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, EnvKeywords
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID, register_envs
-from npend_gym.rl.evaluation.wrappers import changing_wrappers, check_class, layers_of
+from npend_gym.rl.evaluation.wrappers import changing_wrappers, layers_of
 
 EnvLike: TypeAlias = Any  # see `npend_gym.rl.evaluate`
 _keywords_moved = _checks.keywords_moved(
@@ -124,7 +124,6 @@ def setting_of(env: EnvLike) -> Setting:
     config = _attribute(base, "config")
     if not isinstance(config, EnvConfig):
         raise _no_setting(env)
-    check_class(base)
     steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
     limits: list[Any] = [getattr(each, _LIMIT, None) for each in layers_of(env)]
     steps = steps or min((limit for limit in limits if limit), default=None)

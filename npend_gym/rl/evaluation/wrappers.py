@@ -54,7 +54,10 @@ def layers_of(env: Any) -> Iterator[Any]:
 
 
 def changing_wrappers(env: Any) -> tuple[Any, ...]:
-    """Return the wrappers that change observations or actions, the innermost first."""
+    """Return the wrappers that change observations or actions, the innermost first.
+
+    It refuses what changes them in a way that is not known here.
+    """
     found: list[Any] = []
     layer: Any = None
     for layer in layers_of(env):
@@ -64,13 +67,14 @@ def changing_wrappers(env: Any) -> tuple[Any, ...]:
             found.insert(0, layer)
         elif _has_other_spaces(layer):
             raise _unknown(type(layer).__name__)
+    _check_class(layer)
     for name in _in_other_processes(layer):
         if name not in _HARMLESS:
             raise _unknown(name)
     return tuple(found)
 
 
-def check_class(base: Any) -> None:
+def _check_class(base: Any) -> None:
     """Raise a ValueError where a subclass steps otherwise than what its `env_id` makes."""
     kinds: list[type] = type(base).mro()
     owner = {
