@@ -8,8 +8,10 @@ import sys
 from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
-from types import MethodType
+from types import MethodType, ModuleType
 from typing import Any
+
+from npend_gym._extras import missing
 
 # Names that left the package for the study of the paper, which a clone has beside it
 _IN_THE_STUDY = {
@@ -47,12 +49,22 @@ def attach_stub(
             hint = "" if name.startswith("_") else _hint(package, name, sources)
             raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
         if sources[name] == package:  # a module of the package itself
-            return import_module(f"{package}.{name}")
-        value = getattr(import_module(sources[name]), name)
+            return _import(f"{package}.{name}")
+        value = getattr(_import(sources[name]), name)
         setattr(sys.modules[package], name, value)
         return value
 
     return get_attribute, lambda: sorted(sources), list(sources)
+
+
+def _import(module: str) -> ModuleType:
+    """Import a module; where PyTorch is missing, say which extra has it."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name == "torch":
+            raise missing("torch", "rl", "tensors and training", error) from error
+        raise
 
 
 def _read_stub(path: Path, package: str) -> dict[str, str]:

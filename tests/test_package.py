@@ -34,6 +34,20 @@ def test_importing_the_faces_imports_nothing_heavy():
     assert python(code) == "[]"
 
 
+@pytest.mark.parametrize("name", ["npend_gym.torch.step", "npend_gym.rl.training.shac"])
+def test_without_pytorch_a_name_that_needs_it_says_which_extra_has_it(name):
+    face, _, name = name.rpartition(".")
+    code = f"""
+import sys
+sys.modules["torch"] = None  # importing it fails
+try:
+    from {face} import {name}
+except ImportError as error:
+    print(error)
+"""
+    assert 'need torch: install it with pip install "npend-gym[rl]"' in python(code)
+
+
 WITHOUT_EXTRAS = """
 import contextlib, io, json, os, sys
 from importlib.machinery import PathFinder
