@@ -1,16 +1,20 @@
 """Training that is interrupted and resumed ends with the same policy, to the last bit."""
 
+import errno
+import hashlib
+import io
 import random
 from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from damage import flipped
 from policy_files import random_policy
 
 torch = pytest.importorskip("torch")
 
-from npend_gym import _progress  # noqa: E402
+from npend_gym import _files, _progress  # noqa: E402
 from npend_gym.cli import main  # noqa: E402
 from npend_gym.rl.policies import files  # noqa: E402
 from npend_gym.rl.policies.files import read_policy  # noqa: E402
@@ -90,11 +94,46 @@ def test_a_checkpoint_of_other_settings_or_none_is_refused(tmp_path):
         Checkpoint(settings, path, resume=True)
     with pytest.raises(StoppedError):
         trainer.train(settings, None, StoppedCheckpoint(settings, path, seconds=0.0))
-    with pytest.raises(ValueError, match="has the settings"):
+    with pytest.raises(ValueError, match="has seed = 0 where this run has 1"):
         Checkpoint(shac.settings_of("swingup-2", seed=1), path, resume=True)
-    path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(ValueError, match="is no checkpoint"):
-        Checkpoint(settings, path, resume=True)
+
+
+def test_a_checkpoint_that_is_cut_or_has_a_flipped_bit_is_refused(tmp_path):
+    run, path = {"weights": torch.arange(50.0)}, tmp_path / "run"
+    restored(path, run, {})
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    damaged = [whole[:size] for size in rng.integers(len(whole), size=20)]
+    damaged += flipped(whole, rng.integers(8 * len(whole), size=200).tolist())
+    for content in damaged:
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="is no checkpoint: it is damaged"):
+            Checkpoint(imitation.Settings(), path, resume=True)
+
+
+def test_a_checkpoint_that_cannot_be_written_names_the_reason_and_its_file(tmp_path, monkeypatch):
+    class Full(io.FileIO):
+        def write(self, _):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "run.checkpoint"
+    monkeypatch.setattr(_files.disk, "open", Full)
+    with pytest.raises(OSError, match=f"No space left on device: '{path}'"):
+        restored(path, {"weights": torch.zeros(50_000)}, {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_checkpoint_is_of_the_same_keywords_in_any_order_and_names_those_that_differ(tmp_path):
+    settings, path = shac.Settings({"n": 1, "damping": 0.1}, hidden=8), tmp_path / "run"
+    list(Checkpoint(settings, path, seconds=0.0).rounds({}, 1, None, "round"))
+    assert Checkpoint(shac.Settings({"damping": 0.1, "n": 1}, hidden=8), path, resume=True).is_kept
+    with pytest.raises(ValueError, match="has ") as caught:
+        Checkpoint(shac.Settings({"n": 2, "gravity": 9.0}, hidden=8), path, resume=True)
+    told, _ = str(caught.value).split(": ")
+    assert told == (
+        f"{path} has env n = 1 where this run has 2, env gravity = nothing where this run has 9.0, "
+        "env damping = 0.1 where this run has nothing"
+    )
 
 
 def test_a_checkpoint_of_numbers_that_print_alike_is_refused(tmp_path):
@@ -118,12 +157,11 @@ def test_a_checkpoint_runs_no_code(tmp_path):
             return (tmp_path.joinpath("was_run").mkdir, ())
 
     path = tmp_path / "run.checkpoint"
-    torch.save({"about": Evil()}, path)
-    with pytest.raises(ValueError, match="is no checkpoint"):
-        Checkpoint(RUNS["shac"][1], path, resume=True)
-    path.write_bytes(pickle.dumps(Evil()))
-    with pytest.raises(ValueError, match="is no checkpoint"):
-        Checkpoint(RUNS["shac"][1], path, resume=True)
+    torch.save({"about": Evil()}, saved := io.BytesIO())
+    for content in (saved.getvalue(), pickle.dumps(Evil())):
+        path.write_bytes(hashlib.sha256(content).digest() + content)
+        with pytest.raises(ValueError, match=r"is no checkpoint \("):
+            Checkpoint(RUNS["shac"][1], path, resume=True)
     assert not tmp_path.joinpath("was_run").exists()
 
 
@@ -235,7 +273,7 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(Checkpoint.__init__, "__kwdefaults__", {"resume": False, "seconds": 0.0})
     out = ["--out", str(tmp_path / "two")]
     assert main([*common, *out]) == 130
-    assert "the same command with --resume continues" in capsys.readouterr().err
+    assert RESUMES in capsys.readouterr().err
     assert main([*common, *out, "--resume"]) == 0
     assert not list(tmp_path.glob("two/*.checkpoint"))
     runs = [read_policy(tmp_path / folder / "calm-1.safetensors") for folder in ("whole", "two")]
@@ -252,23 +290,73 @@ def test_after_ctrl_c_a_checkpoint_of_another_run_is_no_progress(tmp_path, monke
 
     monkeypatch.setattr(shac, "train", interrupted)
     (tmp_path / "calm-1.checkpoint").write_bytes(b"of other settings")
-    assert main(["train", "calm-1", "--out", str(tmp_path)]) == 130
+    assert main(["train", "calm-1", "--overwrite", "--out", str(tmp_path)]) == 130
     assert "nothing was written" in capsys.readouterr().err
 
 
-def test_the_command_keeps_the_checkpoint_of_a_policy_that_cannot_be_saved(
-    tmp_path, monkeypatch, refusal
-):
+@pytest.fixture
+def quick_training(monkeypatch):
+    """A training of one round, which writes a checkpoint and ends with a random policy."""
+
     def trained(_settings, _title, checkpoint):
-        assert list(checkpoint.rounds({}, 1, None, "update")) == [1]
+        list(checkpoint.rounds({}, 1, None, "update"))
         env = {"n": 1, "mode": "calm", "observation": "sincos"}
         return random_policy([(4, 3), (1, 4)], env), [{"steps": 1}]
 
     monkeypatch.setattr(shac, "train", trained)
     monkeypatch.setattr(Checkpoint.__init__, "__kwdefaults__", {"resume": False, "seconds": 0.0})
+
+
+RESUMES = "the same command with --resume continues"
+
+
+@pytest.mark.usefixtures("quick_training")
+def test_the_command_keeps_the_checkpoint_of_a_policy_that_cannot_be_saved(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr(files, "MAX_BYTES", 100)
-    assert "at most 100 bytes" in refusal("train", "calm-1", "--out", str(tmp_path))
+    (tmp_path / "calm-1.csv").write_text("of the policy before")
+    with pytest.raises(SystemExit):
+        main(["train", "calm-1", "--out", str(tmp_path)])
+    hint, error = capsys.readouterr().err.splitlines()
+    assert RESUMES in hint
+    assert "at most 100 bytes" in error
     assert {path.name for path in tmp_path.iterdir()} == {"calm-1.checkpoint", "calm-1.csv"}
+    assert (tmp_path / "calm-1.csv").read_text() == "of the policy before"
+
+
+@pytest.mark.usefixtures("quick_training")
+def test_ctrl_c_during_the_final_evaluation_keeps_the_progress_and_says_so(
+    tmp_path, monkeypatch, capsys
+):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    common = ["train", "calm-1", "--out", str(tmp_path)]
+    with monkeypatch.context() as patched:
+        patched.setattr("npend_gym.rl.evaluate", interrupted)
+        assert main(common) == 130
+    assert RESUMES in capsys.readouterr().err
+    assert main([*common, "--resume"]) == 0
+
+
+@pytest.mark.usefixtures("quick_training")
+def test_the_checkpoint_of_an_interrupted_run_is_not_replaced_unasked(tmp_path, refusal):
+    common, kept = ["train", "calm-1", "--out", str(tmp_path)], tmp_path / "calm-1.checkpoint"
+    kept.write_bytes(b"of a longer run")
+    assert "give --resume to continue it, or --overwrite to begin again" in refusal(*common)
+    assert kept.read_bytes() == b"of a longer run"
+    assert main([*common, "--overwrite"]) == 0
+    assert not kept.exists()
+
+
+@pytest.mark.usefixtures("quick_training")
+def test_a_training_that_is_done_removes_files_that_a_kill_has_left_half_written(tmp_path):
+    others = tmp_path / ".calm-1-robust.checkpoint.00000000.part", tmp_path / ".calm-1.part"
+    for path in (*others, tmp_path / ".calm-1.checkpoint.d473b518.part"):
+        path.write_bytes(b"half")
+    assert main(["train", "calm-1", "--out", str(tmp_path)]) == 0
+    assert {*tmp_path.glob(".*")} == {*others}
 
 
 def test_where_the_error_stream_is_no_terminal_lines_tell_how_far_training_is(monkeypatch, capsys):

@@ -319,6 +319,21 @@ def test_errors_are_drawn_up_to_what_robustness_tries_times_their_level():
         ErrorLanes(setting_of(TWO), 12, {"noise": 1.0}, 100)
 
 
+@pytest.mark.parametrize(
+    ("errors", "told"),
+    [
+        ({"delay": "a"}, r"errors\['delay'\] must be a real number, got 'a'"),
+        ({"delay": -1.0}, r"errors\['delay'\] must be zero or more, got -1.0"),
+        ({"noise": 1.0}, "errors must be one of nothing, .*got 'noise'"),
+        ([], r"errors must be a dict, got \[\]"),
+    ],
+)
+def test_shares_of_errors_are_checked_before_anything_is_planned(errors, told, monkeypatch):
+    monkeypatch.delattr(imitation, "begin")
+    with pytest.raises((TypeError, ValueError), match=told):
+        imitation.train(imitation.settings_of("swingup-1", errors=errors))
+
+
 def test_pulses_push_a_chain_that_hangs_and_nothing_else_does():
     lanes = ErrorLanes(setting_of(TWO), 30, {"nothing": 1.0, "pushes": 2.0}, 100)
     lanes.reset(0, [], np.random.default_rng(0))

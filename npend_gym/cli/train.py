@@ -61,10 +61,11 @@ def run(
     out : folder, optional
         Folder of the results (default: here).
     overwrite : bool
-        Train again where OUT has a policy of this name.
+        Train again where OUT has a policy of this name, or the progress of an interrupted run.
     resume : bool
         Continue an interrupted run with the same options, from OUT/TASK.checkpoint.
     """
+    from npend_gym import _files
     from npend_gym.report import outputs, write_csv
     from npend_gym.report.robustness_report import evaluation_text
     from npend_gym.rl import evaluate
@@ -73,8 +74,13 @@ def run(
     from npend_gym.rl.training.trainers import trainer
 
     algorithm = _algorithm(task, algorithm)
-    path = out / f"{task}.safetensors"
+    path, kept = out / f"{task}.safetensors", out / f"{task}.checkpoint"
     outputs.prepare_folder(path.parent)
+    if kept.exists() and not (resume or overwrite):
+        raise ValueError(
+            f"{kept} has the progress of an interrupted run: give --resume to continue it, or "
+            "--overwrite to begin again"
+        )
     if path.exists() and not overwrite:
         raise ValueError(f"{path} exists: give --overwrite to train it again, or another --out")
     chosen = trainer(algorithm)
@@ -92,21 +98,21 @@ def run(
     if "n" in dict(env):
         raise ValueError(f"--env n must be left out, TASK says it; got {task}")
     using = replace(using, env={**keywords, **dict(env)})
-    kept = path.with_suffix(".checkpoint")
     checkpoint = Checkpoint(using, kept, resume=resume)
     try:
         policy, curve = chosen.train(using, task, checkpoint)
-    except KeyboardInterrupt:
+        row = evaluate(policy, policy.env).as_row()
+        policy.provenance["evaluation"] = row
+        policy.save(path)
+    except BaseException as error:
         if checkpoint.is_kept:
             warn(f"{kept} keeps the progress: the same command with --resume continues from it")
-        else:
+        elif isinstance(error, KeyboardInterrupt):
             warn("nothing was written: the next run starts from the beginning")
         raise
-    row = evaluate(policy, policy.env).as_row()
-    policy.provenance["evaluation"] = row
     written = [write_csv(path.with_suffix(".csv"), curve), path]
-    policy.save(path)
-    kept.unlink(missing_ok=True)
+    for left in (kept, *out.glob(f".{task}.*.part")):  # and what a kill has left half-written
+        _files.remove(left)
     print(f"{printable(str(task))} by {algorithm}, {curve[-1]['steps']} steps")
     print(evaluation_text(row))
     show_written(written, figures=False)

@@ -2,8 +2,9 @@
 
 An object names in `changes` its attributes that change while it learns. What it is made of besides,
 networks and plans and chains, follows from the settings and is made again. A file holds numbers and
-texts alone: to read it runs no code. What does not follow from these attributes alone, such as the
-environments of `ErrorLanes`, an object renews in its method `restored`.
+texts alone, after their SHA-256: to read it runs no code. What does not follow from these
+attributes alone, such as the environments of `ErrorLanes`, an object renews in its method
+`restored`.
 """
 
 # torch's stubs leave parts unknown
@@ -11,6 +12,7 @@ environments of `ErrorLanes`, an object renews in its method `restored`.
 from __future__ import annotations
 
 import copy
+import hashlib
 import io
 import time
 from collections import Counter, OrderedDict, deque
@@ -28,6 +30,7 @@ from npend_gym.chain import plain_keywords
 
 _SECONDS = 20.0  # between two checkpoints
 _SHARE = 0.05  # of the time, at most, for writing them
+_DIGEST = hashlib.sha256().digest_size
 _PLAIN = bool, int, float, str, type(None)  # in a file as they are
 _CONTAINERS = dict, OrderedDict, Counter, list  # the same, where what is in them is
 _METHODS = (  # by which objects give their state and take it
@@ -59,7 +62,10 @@ class Checkpoint:
     Raises
     ------
     ValueError
-        If there is no such file, or it is of other settings or another version of the package.
+        If there is no such file, or it is of other settings or another version of the package, or
+        damaged.
+    OSError
+        If the file cannot be read.
     """
 
     def __init__(
@@ -70,9 +76,11 @@ class Checkpoint:
         resume: bool = False,
         seconds: float = _SECONDS,
     ) -> None:
+        used = plain_keywords(asdict(settings))
+        env = {f"env {name}": value for name, value in used.pop("env", {}).items()}  # in any order
+        self._about = {"version of npend_gym": __version__}
         # plain values print all digits
-        used = repr(plain_keywords(asdict(settings)))
-        self._about = {"version": __version__, "settings": used}
+        self._about |= {name: repr(value) for name, value in (used | env).items()}
         self._path, self._seconds = path, seconds
         self.saved: dict[str, Any] | None = None
         if resume and path is not None:
@@ -84,19 +92,33 @@ class Checkpoint:
 
         if not path.is_file():
             raise ValueError(f"there is no checkpoint {path} to resume: begin without --resume")
+        with path.open("rb") as file:
+            digest, content = file.read(_DIGEST), io.BytesIO(file.read())
+        if hashlib.sha256(content.getbuffer()).digest() != digest:
+            raise ValueError(
+                f"{path} is no checkpoint: it is damaged or of another version, its SHA-256 does "
+                "not fit"
+            )
         try:
-            saved = torch.load(path, weights_only=True)
+            saved = torch.load(content, weights_only=True)
             about, _, _ = (saved[name] for name in ("about", "done", "parts"))
-            pairs = [(name, str(about[name]), value) for name, value in self._about.items()]
+            theirs = {name: str(value) for name, value in about.items()}
         except Exception as error:
             raise ValueError(f"{path} is no checkpoint ({type(error).__name__})") from error
-        for name, theirs, ours in pairs:
-            if theirs != ours:
-                raise ValueError(
-                    f"{path} has the {name} {theirs}, this run has {ours}: resume with the same "
-                    "options and version, or begin again without --resume"
-                )
+        if theirs != self._about:
+            raise ValueError(
+                f"{path} has {self._difference(theirs)}: resume with the same options and version, "
+                "or begin again with --overwrite in place of --resume"
+            )
         return saved
+
+    def _difference(self, theirs: dict[str, str]) -> str:
+        ours = self._about
+        return ", ".join(
+            f"{name} = {theirs.get(name, 'nothing')} where this run has {ours.get(name, 'nothing')}"
+            for name in ours | theirs
+            if theirs.get(name) != ours.get(name)
+        )
 
     def rounds(
         self, parts: dict[str, Any], last: int, title: str | None, unit: str, first: int = 1
@@ -132,8 +154,11 @@ class Checkpoint:
     def _write(self, path: Path, parts: dict[str, Any], done: int) -> None:
         import torch
 
+        saved = {"about": self._about, "done": done, "parts": state_of(parts)}
+        torch.save(saved, content := io.BytesIO())  # to a file, it would hide the OSError
         with replacing(path, binary=True) as file:
-            torch.save({"about": self._about, "done": done, "parts": state_of(parts)}, file)
+            file.write(hashlib.sha256(content.getbuffer()).digest())
+            file.write(content.getbuffer())
         self.is_kept = True
 
 

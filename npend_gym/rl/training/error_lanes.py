@@ -7,7 +7,7 @@ the chain, sensors and motors, pulses of torque.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,15 @@ def _lags(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
     return np.full(len(info["time"]), config.motor_lag)
 
 
+def check_errors(errors: Any) -> None:
+    """Refuse what is no dict of shares by the names in `KINDS`."""
+    if not isinstance(errors, dict):
+        raise TypeError(f"errors must be a dict, got {_checks.show(errors)}")
+    for name, share in cast("dict[Any, Any]", errors).items():
+        _checks.choice("errors", name, KINDS)
+        _checks.nonnegative_number(f"errors[{name!r}]", share)
+
+
 class ErrorLanes:
     """Vector environments side by side, as one, each with an error of its own.
 
@@ -80,9 +89,7 @@ class ErrorLanes:
         first_level: float = 1.0,
         margin: float = 0.0,
     ) -> None:
-        for name, share in errors.items():
-            _checks.choice("errors", name, KINDS)
-            _checks.nonnegative_number(f"errors[{name!r}]", share)
+        check_errors(errors)
         shares = {name: share for name, share in errors.items() if share > 0.0} or {NOTHING: 1.0}
         self._setting = setting._replace(keywords=setting.keywords | {"max_episode_steps": None})
         self.config: EnvConfig = setting.config

@@ -40,7 +40,7 @@ from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, differences
-from npend_gym.rl.training.error_lanes import ErrorLanes
+from npend_gym.rl.training.error_lanes import ErrorLanes, check_errors
 from npend_gym.rl.training.experts import Expert, expert_of
 from npend_gym.rl.training.goal_networks import GoalNetworks
 from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
@@ -270,8 +270,7 @@ def train(
     config = used_config("imitation", settings.env, OF_ENV)
     if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
         raise ValueError(f"mode must be one with an expert, got {config.mode!r}")
-    if not isinstance(cast("Any", settings.errors), dict):
-        raise TypeError(f"errors must be a dict, got {_checks.show(settings.errors)}")
+    check_errors(settings.errors)
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
     check_settings(settings, below_one=("averaging",))
