@@ -180,6 +180,8 @@ def _merged(path: Path, done: Sequence[Row]) -> list[Row]:
             rows = {(row["case"], row["engine"]): row for row in csv.DictReader(file)}
     rows |= {(row["case"], row["engine"]): row for row in done}
     cases, engines = [case.name for case in read()], [*ENGINES]
+    cases += [row["case"] for row in rows.values()]  # names that are no longer known come last
+    engines += [row["engine"] for row in rows.values()]
     return sorted(
         rows.values(), key=lambda row: (cases.index(row["case"]), engines.index(row["engine"]))
     )

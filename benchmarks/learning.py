@@ -106,6 +106,8 @@ def main() -> None:
     parser.add_argument("--rollouts", type=int, default=4)
     parser.add_argument("--rounds", type=int, default=4)
     arguments = parser.parse_args()
+    if min(arguments.rollouts, arguments.rounds) < 1:
+        parser.error("--rollouts and --rounds must be at least 1")
     torch.set_num_threads(1)
     kinds = {"adapter": adapter, "DummyVecEnv": dummy, "SubprocVecEnv": subproc}
     rows: list[dict[str, Any]] = []

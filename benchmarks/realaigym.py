@@ -3,7 +3,7 @@
     git clone https://github.com/dfki-ric-underactuated-lab/double_pendulum
     pip install ./double_pendulum/src/python
     python benchmarks/realaigym.py                  prints a table, writes results/realaigym.csv
-    python benchmarks/realaigym.py MPC --episodes 5     of one controller
+    python benchmarks/realaigym.py MPC --episodes 5     keeps the other rows
 
 Their `Simulator` moves their `DoublePendulumPlant`, and their `GlobalPolicyTestingControllerV2`
 disturbs it, with the numbers of `leaderboard/pendubot/simulation_v3`, which are also those of
@@ -15,6 +15,7 @@ their own. Nothing of their code is in this repository.
 from __future__ import annotations
 
 import argparse
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,15 @@ def _row(name: str, where: str, scores: Any) -> dict[str, Any]:
     return row | {key: round(float(value), 4) for key, value in numbers.items()}
 
 
+def _merged(path: Path, done: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of a file, those of the same controller and simulator replaced."""
+    rows: list[dict[str, Any]] = []
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [*csv.DictReader(file)]
+    return [*{(row["controller"], row["simulator"]): row for row in rows + done}.values()]
+
+
 def main() -> None:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -132,7 +142,7 @@ def main() -> None:
         for where, scores in (("RealAIGym", theirs), ("npend_gym", ours)):
             rows.append(_row(name, where, scores))
             print(rows[-1], flush=True)
-        write_csv(options.out, rows)  # a later error leaves these
+        write_csv(options.out, _merged(options.out, rows))  # a later error leaves these
 
 
 if __name__ == "__main__":

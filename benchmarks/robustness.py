@@ -2,7 +2,7 @@
 
 Run it with `python benchmarks/robustness.py`: it plays `swingup-1`, `calm-2` and their robust
 versions with other chains. They are drawn from the whole range of training, stand at its corners,
-or differ in one parameter. It writes `robustness.csv`, a table, `robustness.md`, and a figure,
+or differ in one parameter. It prints a table and writes `robustness.csv` and a figure,
 `robustness.png`; `--publish` puts them into `docs/`.
 """
 

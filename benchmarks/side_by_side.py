@@ -173,9 +173,9 @@ def collected(folder: Path, budget: float) -> list[dict[str, Any]]:
             rows = [row | {"seed": int(row["seed"])} for row in csv.DictReader(file)]
     rows = [row for row in rows if float(row["budget"]) == budget] + recorded(folder, budget)
     latest = {tuple(row[key] for key in KEY): row for row in rows}
-    order = TASKS, AGENTS, range(1000)
     return sorted(
-        latest.values(), key=lambda r: [o.index(r[k]) for o, k in zip(order, KEY, strict=True)]
+        latest.values(),
+        key=lambda row: (TASKS.index(row["task"]), AGENTS.index(row["agent"]), row["seed"]),
     )
 
 

@@ -9,6 +9,7 @@ same bits. C is tried with vectors of 4, 8 and 16 lanes; the best counts.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import ctypes
 import subprocess
@@ -20,6 +21,7 @@ import numba
 import numpy as np
 
 from npend_gym._provenance import machine
+from npend_gym.cli.common import prepare_file
 from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.rk4 import RK4_ROWS, rk4_step
@@ -120,6 +122,10 @@ def measure(n: int, folder: Path) -> tuple[float, dict[int, float]]:
 
 def main() -> None:
     """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=HERE / "results" / "yardstick.csv")
+    out = parser.parse_args().out
+    prepare_file(out, [".csv"])
     about = machine()
     print(about)
     rows = []
@@ -132,8 +138,7 @@ def main() -> None:
                 f"N = {n:3d}: {mine:5.2f} ns per link and right side, C {theirs[width]:5.2f} "
                 f"({width} lanes): {mine / theirs[width]:.2f} times as long"
             )
-    path = HERE / "results" / "yardstick.csv"
-    with path.open("w", newline="") as file:
+    with out.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["n", "ns_per_link", "c_ns_per_link", "c_lanes", "ratio", "made_by"])
         writer.writerows(rows)

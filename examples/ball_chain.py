@@ -9,7 +9,7 @@ balls hang a little farther apart than the class thinks, and move in air.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -91,4 +91,6 @@ def main(path: Path, seed: int = 0, releases: int = 5) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("csv", type=Path, help="file of the table")
+    main(parser.parse_args().csv)

@@ -4,8 +4,9 @@ python examples/make_dataset.py medium --n 2
 python examples/clone_behaviour.py npend/swingup-2/medium-v0
 """
 
-import sys
+import argparse
 
+import gymnasium as gym
 import minari
 import numpy as np
 import torch
@@ -13,10 +14,17 @@ import torch
 from npend_gym.rl import Policy, evaluate
 from npend_gym.rl.training.tasks import network
 
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("dataset", choices=minari.list_local_datasets(), metavar="DATASET")
+parser.add_argument("epochs", type=int, nargs="?", default=40)
+arguments = parser.parse_args()
+dataset, epochs = minari.load_dataset(arguments.dataset), arguments.epochs
+if not isinstance(dataset.action_space, gym.spaces.Box):
+    parser.error(f"actions must be continuous, got {dataset.action_space}")
+if epochs < 1:
+    parser.error(f"epochs must be at least 1, got {epochs}")
 torch.set_num_threads(1)
 torch.manual_seed(0)
-dataset = minari.load_dataset(sys.argv[1])
-epochs = int(sys.argv[2]) if len(sys.argv) > 2 else 40
 episodes = list(dataset)
 observations = torch.from_numpy(np.concatenate([e.observations[:-1] for e in episodes]))
 actions = torch.from_numpy(np.concatenate([e.actions for e in episodes]))

@@ -1,4 +1,5 @@
 /* Read the encoders behind a serial port every 2 ms, and act as the controller in arm.h does.
+ * The chain has two rods and one motor, at the pivot (joint 0).
  *
  *     cc -std=c99 -O2 -ffp-contract=off -I. examples/control_loop.c -o control_loop
  *     ./control_loop PORT timing.csv
@@ -8,6 +9,10 @@
 #include <time.h>
 
 #include "arm.h"
+
+#if ARM_RODS != 2 || ARM_JOINTS != 1
+#error "control_loop.c needs a chain of two rods with one motor, at the pivot"
+#endif
 
 #define PERIOD 0.002 /* s */
 #define TICKS 3000

@@ -98,6 +98,8 @@ def main() -> None:
     parser.add_argument("--env", type=setting, action="append", default=[], help=text)
     parser.add_argument("--trust", action="store_true", help="import what a file names")
     arguments = parser.parse_args()
+    if arguments.steps is not None and arguments.steps < 1:
+        parser.error(f"--steps must be at least 1, got {arguments.steps}")
     controller, keywords = chosen(arguments)
     keywords = keywords | dict(arguments.env)
     if arguments.steps:

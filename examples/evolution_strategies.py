@@ -155,6 +155,8 @@ def main() -> None:
     parser.add_argument("--updates", type=int, help="of the weights")
     parser.add_argument("--out", type=Path, default=Path(), help="folder of the files")
     arguments = parser.parse_args()
+    if arguments.updates is not None and arguments.updates < 1:
+        parser.error(f"--updates must be at least 1, got {arguments.updates}")
     changes = {"updates": arguments.updates} if arguments.updates else {}
     settings = settings_of(arguments.task, seed=arguments.seed, **changes)
     policy, curve = train(settings, arguments.task)

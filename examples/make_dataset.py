@@ -3,11 +3,11 @@
     python examples/make_dataset.py medium --n 3
     python examples/clone_behaviour.py npend/swingup-3/medium-v0
 
-The kinds are "random", "medium" and "expert" swing-ups of two to four rods, free releases, and
-"transitions" between all equilibria. It needs `pip install "minari[create]" pyarrow`, which keeps
-what is made in a folder of the user, or in that of the variable MINARI_DATASETS_PATH. An episode
-that is played again from its seed, in the environment that the data set recovers, has the same
-observations, to the last bit.
+The kinds are "random", "medium" and "expert" swing-ups, free releases, and "transitions" between
+all equilibria. "Medium" and "expert" take the policy of the package for n rods. It needs
+`pip install "minari[create]" pyarrow`, which keeps what is made in a folder of the user, or in that
+of the variable MINARI_DATASETS_PATH. An episode that is played again from its seed, in the
+environment that the data set recovers, has the same observations, to the last bit.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl import Controller, PlannedTransitions, Policy, planned_transitions
 
 KINDS = "random", "medium", "expert", "release", "transitions"
+NAMES = {"release": "npend/release-{n}/free-v0", "transitions": "npend/transition-{n}/plans-v0"}
 # Deviation of the noise on the actions of "medium", under which a part of the episodes fails
 MEDIUM = {2: 0.3, 3: 0.15, 4: 0.08}
 
@@ -32,7 +33,6 @@ MEDIUM = {2: 0.3, 3: 0.15, 4: 0.08}
 class Source(NamedTuple):
     """Where the actions of a data set come from."""
 
-    name: str  # of the data set
     controller: Controller
     env: dict[str, Any]  # keywords of the environment
     noise: float = 0.0  # standard deviation added to the actions
@@ -44,7 +44,7 @@ def source_of(kind: str, n: int, plans: Path | None, seed: int) -> Source:
     if kind == "release":
         env = {"n": n, "mode": "passive", "spread": 0.5}
         waits = lambda observation, info: np.zeros(len(observation), np.int64)  # noqa: E731, ARG005
-        return Source(f"release-{n}/free-v0", waits, env, 0.0, "Free releases from rest.")
+        return Source(waits, env, 0.0, "Free releases from rest.")
     if kind == "transitions":
         env = {"n": n, "mode": "transition", "max_episode_steps": 400}
         config = gym.make(ENV_ID, **env).unwrapped.config
@@ -52,17 +52,19 @@ def source_of(kind: str, n: int, plans: Path | None, seed: int) -> Source:
             planned = PlannedTransitions.load(plans, config)
         else:
             planned = planned_transitions(config)
+            if plans is not None:
+                planned.save(plans)
         text = "Planned transitions from any equilibrium to any other, tracked by feedback."
-        return Source(f"transition-{n}/plans-v0", planned, env, 0.0, text)
+        return Source(planned, env, 0.0, text)
     if kind == "random":
         env = {"n": n, "mode": "swingup", "observation": "sincos"}
         rng = np.random.default_rng(seed)
         draws = lambda observation, info: rng.uniform(-1.0, 1.0, (len(observation), 1))  # noqa: E731, ARG005
-        return Source(f"swingup-{n}/random-v0", draws, env, 0.0, "Swing-ups under random torques.")
+        return Source(draws, env, 0.0, "Swing-ups under random torques.")
     expert = Policy.pretrained(f"swingup-{n}")
     noise = MEDIUM.get(n, 0.1) if kind == "medium" else 0.0
     text = f"Swing-ups by the policy swingup-{n}, with noise of {noise:g} on its actions."
-    return Source(f"swingup-{n}/{kind}-v0", expert, expert.env, noise, text)
+    return Source(expert, expert.env, noise, text)
 
 
 def episodes_of(source: Source, count: int, seed: int) -> tuple[list[dict[str, Any]], float]:
@@ -96,9 +98,6 @@ def episodes_of(source: Source, count: int, seed: int) -> tuple[list[dict[str, A
 
 def main() -> None:
     """Play the episodes, and keep them as a data set."""
-    import minari
-    from minari.data_collector.episode_buffer import EpisodeBuffer
-
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -106,13 +105,21 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=2, help="number of rods (default 2)")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0, help="of the first episode")
-    parser.add_argument("--plans", type=Path, help="file with the plans of the transitions")
+    parser.add_argument("--plans", type=Path, help=".npz of the plans, written where it is missing")
     arguments = parser.parse_args()
+    import minari  # after --help, which does not need it
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
+    name = NAMES.get(arguments.kind, "npend/swingup-{n}/{kind}-v0").format(**vars(arguments))
+    if name in minari.list_local_datasets():
+        parser.error(f"{name} exists: `minari delete {name}` removes it")
+    if arguments.plans:
+        arguments.plans.parent.mkdir(parents=True, exist_ok=True)
     source = source_of(arguments.kind, arguments.n, arguments.plans, arguments.seed)
     episodes, success = episodes_of(source, arguments.episodes, arguments.seed)
     returns = [episode["rewards"].sum() for episode in episodes]
     minari.create_dataset_from_buffers(
-        f"npend/{source.name}",
+        name,
         [EpisodeBuffer(id=k, **episode) for k, episode in enumerate(episodes)],
         env=gym.make(ENV_ID, **source.env).spec,
         algorithm_name=type(source.controller).__name__,
@@ -123,7 +130,7 @@ def main() -> None:
         data_format="arrow",
     )
     steps = sum(len(episode["actions"]) for episode in episodes)
-    print(f"npend/{source.name}: {len(episodes)} episodes, {steps} steps, "
+    print(f"{name}: {len(episodes)} episodes, {steps} steps, "
           f"{success:.0%} succeeded, mean return {np.mean(returns):.1f}")  # fmt: skip
 
 

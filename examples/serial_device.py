@@ -7,10 +7,10 @@ milliseconds, sends the next line, and so on. The line "stop" ends it. Its clock
 it waits, so a slow computer changes no motion.
 """
 
+import argparse
 import json
 import os
 import signal
-import sys
 import tty
 from pathlib import Path
 
@@ -57,4 +57,6 @@ def main(path: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("chain", help="file of its parameters, such as fit.json")
+    main(parser.parse_args().chain)

@@ -141,9 +141,11 @@ def restore(model: BaseAlgorithm, path: Path) -> dict[str, Any]:
 def load_run(folder: Path, *, trust: bool = False) -> tuple[BaseAlgorithm, dict[str, Any]]:
     """Return the best model of a run and its config; without `trust` no code of the run is run."""
     config = yaml.safe_load((folder / "config.yml").read_text(encoding="utf-8"))
-    mode = str(section(config)[1].get("env_kwargs", {}).get("mode"))
-    if ":" in mode and not trust:
-        raise ValueError(f"{folder} names the mode {mode!r}, which is imported only with --trust")
+    env_id, settings = section(config)
+    mode = str(settings.get("env_kwargs", {}).get("mode"))
+    for name in (mode, env_id.removeprefix("npend_gym:")):
+        if ":" in name and not trust:
+            raise ValueError(f"{folder} names {name!r}, which is imported only with --trust")
     model = make_model(config, seed=0)
     restore(model, folder / "best.pth")
     return model, config
@@ -164,6 +166,12 @@ class Checkpoints(BaseCallback):
         self.config, self.folder, self.every = config, folder, every
         self.bar = tqdm(total=total, unit="step", disable=None)
         self.best, self.next_save = (-1.0, -1.0), 0
+        self.earlier_seconds, self.start_time = 0.0, time.process_time()
+
+    @property
+    def seconds(self) -> float:
+        """The processor time of the run, with that before --resume."""
+        return self.earlier_seconds + time.process_time() - self.start_time
 
     def _on_step(self) -> bool:
         self.bar.update(self.num_timesteps - self.bar.n)
@@ -181,9 +189,11 @@ class Checkpoints(BaseCallback):
             self.logger.record(f"evaluation/{name}", score[name])
         reached = float(score["success"]), float(score["return"])
         is_best, self.best = reached > self.best, max(reached, self.best)
-        torch.save(state_of(self.model) | {"best": self.best}, self.folder / "last.pth")
-        if is_best:
-            shutil.copyfile(self.folder / "last.pth", self.folder / "best.pth")
+        state = state_of(self.model) | {"best": self.best, "seconds": self.seconds}
+        for name in ("best", "last") if is_best else ("last",):
+            temporary = self.folder / f"{name}.part"  # an interruption leaves the checkpoint before
+            torch.save(state, temporary)
+            temporary.replace(self.folder / f"{name}.pth")
 
 
 def model_card(config: dict[str, Any], seed: int, score: dict[str, Any], made: str) -> str:
@@ -231,19 +241,29 @@ def main() -> None:
     if not path.exists():
         names = ", ".join(sorted(known.stem for known in CONFIGS.glob("*.yml")))
         parser.error(f"task must be a file or one of {names}; got {arguments.task}")
+    if arguments.steps is not None and arguments.steps < 1:
+        parser.error(f"--steps must be at least 1, got {arguments.steps}")
     folder = arguments.out or Path("runs") / path.stem
-    folder.mkdir(parents=True, exist_ok=True)
-    with suppress(shutil.SameFileError):
-        shutil.copyfile(path, folder / "config.yml")
+    last, kept = folder / "last.pth", folder / "config.yml"
     config = yaml.safe_load(path.read_text(encoding="utf-8"))
+    if last.exists() and not arguments.resume:
+        parser.error(f"{last} exists: continue its run with --resume, or choose another --out")
+    if arguments.resume and not last.exists():
+        parser.error(f"--resume needs the checkpoint {last}, which does not exist")
+    if arguments.resume and yaml.safe_load(kept.read_text(encoding="utf-8")) != config:
+        parser.error(f"--resume needs the settings of the run: {path} differs from {kept}")
     total = arguments.steps or int(section(config)[1]["n_timesteps"])
     torch.set_num_threads(1)  # two are slower for networks this small
     model = make_model(config, arguments.seed, str(folder / "tensorboard"))
     checkpoints = Checkpoints(config, folder, total, arguments.every)
     if arguments.resume:  # a replay buffer starts empty again
-        checkpoints.best = restore(model, folder / "last.pth").get("best", checkpoints.best)
+        state = restore(model, last)
+        checkpoints.best = state.get("best", checkpoints.best)
+        checkpoints.earlier_seconds = state.get("seconds", 0.0)
         checkpoints.next_save = model.num_timesteps + arguments.every
-    start_time = time.process_time()
+    folder.mkdir(parents=True, exist_ok=True)
+    with suppress(shutil.SameFileError):
+        shutil.copyfile(path, kept)
     try:
         remaining = max(0, total - model.num_timesteps)
         model.learn(remaining, callback=checkpoints, reset_num_timesteps=not arguments.resume)
@@ -251,7 +271,7 @@ def main() -> None:
         print("interrupted: the weights are written, --resume continues from them")
     checkpoints.save()
     checkpoints.bar.close()
-    seconds = time.process_time() - start_time  # of this run, after --resume
+    seconds = checkpoints.seconds
     training = {"steps": model.num_timesteps, "seconds": round(seconds, 2)}
     made = f"{model.num_timesteps} steps in {seconds:.0f} s of processor time"
     restore(model, folder / "best.pth")

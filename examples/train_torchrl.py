@@ -64,7 +64,7 @@ class Settings(TrainingSettings):
 
 
 def settings_of(task: str, **changes: Any) -> Settings:
-    """Return the settings for a task such as "swingup-1": episodes of 10 s, to see more starts."""
+    """Return the settings, with episodes of 200 steps (10 s of a swing-up) to see more starts."""
     return Settings(env=env_of_task(task) | {"max_episode_steps": 200}, **changes)
 
 
@@ -156,6 +156,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(), help="folder of the files")
     parser.add_argument("--steps", type=int, help="environment steps in total")
     arguments = parser.parse_args()
+    if arguments.steps is not None and arguments.steps < 1:
+        parser.error(f"--steps must be at least 1, got {arguments.steps}")
     changes = {"total_timesteps": arguments.steps} if arguments.steps else {}
     settings = settings_of(arguments.task, seed=arguments.seed, **changes)
     policy, curve = train(settings, arguments.task)

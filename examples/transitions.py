@@ -26,11 +26,12 @@ from npend_gym.rl import (
     HELD_OUT,
     Controller,
     PlannedTransitions,
-    Policy,
     planned_transitions,
     pretrained_names,
 )
 from npend_gym.rl.evaluation.rollouts import rollout
+from npend_gym.rl.evaluation.settings import setting_of
+from npend_gym.rl.policies.shipped import find_policy
 
 EPISODES = 100
 
@@ -56,10 +57,11 @@ def plans_of(keywords: dict[str, Any], path: Path | None, tries: int) -> Planned
 
 def judge(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, Any]]:
     """Return a row for every pair of equilibria, with the success in its episodes."""
-    n, rows = keywords["n"], list[dict[str, Any]]()
+    setting, rows = setting_of(keywords), list[dict[str, Any]]()
+    n = setting.config.n
     equilibria = np.pi * np.array(list(itertools.product([0.0, 1.0], repeat=n)))
     for start, goal in tqdm(list(itertools.permutations(equilibria, 2)), "pairs", disable=None):
-        envs = gym.make_vec("npend/Transition-v1", num_envs=EPISODES, **keywords)
+        envs = setting.make(EPISODES)
         options = {"start": np.tile(start, (EPISODES, 1)), "goal": np.tile(goal, (EPISODES, 1))}
         last_failure, success = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
         for step in rollout(controller, envs, HELD_OUT, options):
@@ -83,12 +85,19 @@ def main() -> None:
     parser.add_argument("--tries", type=int, default=4, help="guesses for each plan")
     parser.add_argument("--csv", type=Path, help="file of the table")
     arguments = parser.parse_args()
-    keywords = {"n": arguments.n, "mode": "transition", "observation": "sincos"}
+    for path in filter(None, (arguments.plans, arguments.csv)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    keywords: dict[str, Any] = {"n": arguments.n, "mode": "transition", "observation": "sincos"}
     controller: Controller
-    if arguments.pretrained:
-        controller = Policy.pretrained(arguments.pretrained)
-    elif arguments.policy:
-        controller = Policy.load(arguments.policy)
+    if arguments.pretrained or arguments.policy:
+        policy = find_policy(str(arguments.policy or arguments.pretrained))
+        controller, keywords = policy, policy.env
+        config = setting_of(keywords).config
+        if (config.mode.name, config.n) != ("transition", arguments.n):
+            parser.error(
+                f'the policy must be for mode "transition" with n={arguments.n}, '
+                f'got "{config.mode.name}" with n={config.n}'
+            )
     else:
         controller = plans_of(keywords, arguments.plans, arguments.tries)
     rows = judge(controller, keywords)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import peers
 import pytest
+import yardstick
 from peers import main
 from suites import accuracy, chaos, derivatives, dynamics, environments, episodes, timing
 from suites.timing import Job, Peers, Row
@@ -23,6 +24,14 @@ from npend_gym import Chain, simulate
 @pytest.fixture
 def short_rounds(monkeypatch):
     monkeypatch.setattr(timing, "SECONDS", 1e-4)
+
+
+def test_the_yardstick_shows_its_help_and_measures_nothing(monkeypatch, capsys):
+    monkeypatch.delattr(yardstick, "measure")
+    monkeypatch.setattr("sys.argv", ["yardstick.py", "--help"])
+    with pytest.raises(SystemExit):
+        yardstick.main()
+    assert "--out" in capsys.readouterr().out
 
 
 def test_a_job_with_twice_the_items_per_call_has_twice_the_rate():

@@ -128,6 +128,13 @@ def test_the_file_in_a_new_folder_keeps_old_rows_and_the_json_has_the_new_ones(
         assert {row["engine"] for row in csv.DictReader(file)} == {"npend_gym rk4", "Drake RK3"}
 
 
+def test_the_file_keeps_rows_of_engines_and_cases_that_are_no_longer_known(tmp_path):
+    path, known = tmp_path / "engines.csv", {"case": "drag", "engine": "npend_gym rk4"}
+    path.write_text("case,engine\nold,npend_gym rk4\ndrag,old\n")
+    rows = [(row["case"], row["engine"]) for row in judge_engines._merged(path, [known])]
+    assert rows == [("drag", "npend_gym rk4"), ("drag", "old"), ("old", "npend_gym rk4")]
+
+
 def test_a_run_that_diverges_is_named_so(monkeypatch):
     def exploding(*_case_and_step):
         return lambda state, *_torque_and_duration: (state + 1e4, 1)

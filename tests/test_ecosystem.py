@@ -1,5 +1,6 @@
 """Other packages' own checks, of every environment that is registered."""
 
+import sys
 import warnings
 
 import gymnasium as gym
@@ -97,6 +98,45 @@ def test_episodes_of_a_minari_dataset_are_played_again_to_the_last_bit(kind, tmp
         assert ends == [episode.terminations[-1], episode.truncations[-1]] == [False, True]
         np.testing.assert_array_equal(shown, episode.observations)
         np.testing.assert_array_equal(rewards, episode.rewards)
+
+
+def test_the_script_of_data_sets_shows_its_help_without_minari(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "minari", None)
+    with pytest.raises(SystemExit) as ends:
+        run_script(ROOT / "examples" / "make_dataset.py", "--help", cwd=tmp_path)
+    assert ends.value.code == 0
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_data_sets_that_exist_or_cannot_be_cloned_are_refused(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("minari")
+    pytest.importorskip("torch")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    make = ROOT / "examples" / "make_dataset.py", "release", "--episodes"
+    run_script(*make, 2, cwd=tmp_path)
+    clone = ROOT / "examples" / "clone_behaviour.py"
+    for script, message in (
+        ((*make, 10**9), "`minari delete npend/release-2/free-v0` removes it"),
+        ((clone, "npend/release-2/free-v0"), "actions must be continuous, got Discrete"),
+        ((clone, "npend/none-v0"), "choose from"),
+    ):
+        with pytest.raises(SystemExit):
+            run_script(*script, cwd=tmp_path)
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+def test_a_data_set_of_transitions_keeps_its_plans(tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "sets"))
+    script = ROOT / "examples" / "make_dataset.py"
+    arguments = ["transitions", "--n", 1, "--episodes", 2, "--plans", "new/plans.npz"]
+    printed = run_script(script, *arguments, cwd=tmp_path)
+    minari.delete_dataset("npend/transition-1/plans-v0")
+    written = (tmp_path / "new" / "plans.npz").stat().st_mtime_ns
+    assert run_script(script, *arguments, cwd=tmp_path) == printed  # by the same plans
+    assert (tmp_path / "new" / "plans.npz").stat().st_mtime_ns == written
 
 
 @pytest.mark.filterwarnings("ignore")

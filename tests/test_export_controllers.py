@@ -213,6 +213,17 @@ def test_the_control_loop_of_the_examples_is_compiled_without_a_warning(plan, tm
     subprocess.run(["gcc", *FLAGS, "-O2", "-I.", "-c", str(loop)], cwd=tmp_path, check=True)
 
 
+@pytest.mark.parametrize("keywords", [{"n": 1}, {"n": 3}, {"n": 2, "actuated": (0, 1)}])
+def test_the_control_loop_of_the_examples_says_for_which_chain_it_is(keywords, tmp_path):
+    to_c(lqr(EnvConfig(mode="balance", **keywords)), tmp_path / "arm.h", prefix="arm")
+    loop = Path(__file__).parent.parent / "examples" / "control_loop.c"
+    done = subprocess.run(
+        ["gcc", "-fsyntax-only", "-I.", str(loop)],
+        cwd=tmp_path, check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert "control_loop.c needs a chain of two rods with one motor" in done.stderr
+
+
 @pytest.mark.long
 def test_the_header_says_what_it_is_for(plan, tmp_path):
     to_c(plan, tmp_path / "plan.h", prefix="arm")

@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import importlib
 import inspect
 import json
 import re
@@ -134,8 +135,130 @@ def test_a_resumed_run_of_train_sb3_keeps_the_best_weights(tmp_path, monkeypatch
     assert train(tmp_path / "tiny.yml") == [32, 96]
     assert len([*scores]) == 8
     scores = iter([0.3] * 4)
+    state = torch.load(tmp_path / "a" / "last.pth", weights_only=True)
+    torch.save(state | {"seconds": 1000.0}, tmp_path / "a" / "last.pth")
     assert train(tmp_path / "a" / "config.yml", "--steps", 160, "--resume") == [32, 160]
     assert len([*scores]) == 1  # it evaluates after 128 and 160 steps, and the best weights
+    policy = Policy.load(tmp_path / "a" / "policy.safetensors")
+    assert 1000.0 < policy.provenance["training"]["seconds"] < 1100.0
+
+
+def test_train_sb3_leaves_an_earlier_run_as_it_is_where_it_refuses_or_fails(
+    tmp_path, monkeypatch, capsys
+):
+    pytest.importorskip("stable_baselines3")
+    yaml = pytest.importorskip("yaml")
+    import torch
+    import train_sb3
+
+    def run(name, *arguments):
+        given = ["train_sb3.py", tmp_path / f"{name}.yml", "--out", tmp_path / "a", *arguments]
+        monkeypatch.setattr("sys.argv", [*map(str, given)])
+        train_sb3.main()
+
+    def refusal(*arguments):
+        with pytest.raises(SystemExit):
+            run(*arguments)
+        return capsys.readouterr().err
+
+    def fails(_state, path):
+        path.write_bytes(b"a half")
+        raise OSError(errno.ENOSPC, "the disk is full")
+
+    score = {"success": 0.5, "return": 0.0, "motor_work": 0.0}
+    monkeypatch.setattr(train_sb3, "score_of", lambda *_arguments, **_options: score)
+    for name, task in (("tiny", "Balance"), ("other", "SwingUp")):
+        config = {"algo": "ppo", f"npend/{task}-v1": TINY}
+        (tmp_path / f"{name}.yml").write_text(yaml.safe_dump(config))
+    assert "--resume needs the checkpoint" in refusal("tiny", "--resume")
+    assert not (tmp_path / "a").exists()
+    run("tiny")
+    kept = ["best.pth", "config.yml", "last.pth"]
+    before = [(tmp_path / "a" / name).read_bytes() for name in kept]
+    assert "continue its run with --resume" in refusal("tiny")
+    assert "other.yml differs from" in refusal("other", "--resume")
+    score["success"] = 0.6
+    monkeypatch.setattr(torch, "save", fails)
+    with pytest.raises(OSError, match="the disk is full"):
+        run("tiny", "--resume", "--steps", 160)
+    assert [(tmp_path / "a" / name).read_bytes() for name in kept] == before
+
+
+@pytest.mark.parametrize(
+    ("env_id", "mode"), [("evil:npend/Balance-v1", "balance"), ("npend/Balance-v1", "evil:Mode")]
+)
+def test_a_run_of_train_sb3_imports_what_its_file_names_only_when_trusted(env_id, mode, tmp_path):
+    pytest.importorskip("stable_baselines3")
+    yaml = pytest.importorskip("yaml")
+    from train_sb3 import load_run
+
+    def write(env_id, mode):
+        settings = TINY | {"env_kwargs": TINY["env_kwargs"] | {"mode": mode}}
+        (tmp_path / "config.yml").write_text(yaml.safe_dump({"algo": "ppo", env_id: settings}))
+
+    write(env_id, mode)
+    with pytest.raises(ValueError, match=r"names 'evil:.*', which is imported only with --trust"):
+        load_run(tmp_path)
+    with pytest.raises((ImportError, ValueError), match="evil"):  # it tries to
+        load_run(tmp_path, trust=True)
+    write("npend_gym:npend/Balance-v1", "balance")
+    with pytest.raises(FileNotFoundError, match=r"best\.pth"):  # it has come so far
+        load_run(tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore")  # those of torchrl itself
+@pytest.mark.parametrize(
+    ("script", "library", "arguments"),
+    [
+        ("train_sb3", "stable_baselines3", ["swingup-1", "--steps", "0"]),
+        ("evaluate", "torch", ["--pretrained", "swingup-1", "--steps", "0"]),
+        ("evolution_strategies", "torch", ["calm-5", "--updates", "0"]),
+        pytest.param(
+            "train_torchrl", "torchrl", ["swingup-1", "--steps", "0"], marks=pytest.mark.long
+        ),
+        ("learning", "stable_baselines3", ["--rounds", "0"]),
+    ],
+)
+def test_scripts_refuse_no_steps_and_do_not_take_the_default(
+    script, library, arguments, tmp_path, monkeypatch, capsys
+):
+    pytest.importorskip(library)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [f"{script}.py", *arguments])
+    with pytest.raises(SystemExit):
+        importlib.import_module(script).main()
+    assert "must be at least 1" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_transitions_judges_a_policy_in_its_own_environment(tmp_path, monkeypatch, capsys):
+    import transitions
+
+    def main(*arguments):
+        monkeypatch.setattr("sys.argv", ["transitions.py", *map(str, arguments)])
+        transitions.main()
+
+    def rollout(_controller, envs, *_):
+        judged.append(envs.unwrapped.config)
+        assert (tmp_path / "new").is_dir()  # before any work
+        return []
+
+    env, judged = {"n": 1, "mode": "transition", "lengths": 0.5, "max_torque": 20.0}, []
+    observed = transitions.setting_of(env).config.observed
+    path = tmp_path / "a.safetensors"
+    zeros = np.zeros((1, observed), np.float32)
+    Policy(np.ones(observed, np.float32), [zeros], [np.zeros(1, np.float32)], env).save(path)
+    monkeypatch.setattr(transitions, "rollout", rollout)
+    main(1, "--policy", path, "--csv", tmp_path / "new" / "table.csv")
+    assert [config.chain.lengths.tolist() for config in judged] == [[0.5]] * 2
+    assert (tmp_path / "new" / "table.csv").exists()
+    for arguments, mode in ([2, "--policy", path], "transition"), (
+        [1, "--pretrained", "swingup-1"], "swingup"
+    ):  # fmt: skip
+        with pytest.raises(SystemExit):
+            main(*arguments)
+        assert f'got "{mode}" with n=1' in capsys.readouterr().err
+    assert len(judged) == 2
 
 
 @pytest.mark.parametrize(
@@ -393,6 +516,19 @@ def test_runs_side_by_side_in_a_folder_have_one_budget_and_the_default_is_publis
     with pytest.raises(SystemExit):
         main("--budget", "5", "--publish")
     assert "--publish needs --budget 300, got 5" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_runs_side_by_side_have_any_seed(tmp_path, monkeypatch):
+    pytest.importorskip("sb3_contrib")
+    pytest.importorskip("yaml")
+    import side_by_side
+
+    monkeypatch.setattr(side_by_side, "CSV", tmp_path / "rows.csv")
+    for seed in (1000, 2):
+        row = dict(zip((*side_by_side.KEY, "budget"), ("balance-1", "SHAC", seed, 5), strict=True))
+        (tmp_path / f"{seed}.json").write_text(json.dumps(row))
+    assert [row["seed"] for row in side_by_side.collected(tmp_path, 5.0)] == [2, 1000]
 
 
 @pytest.mark.long

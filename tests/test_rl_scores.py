@@ -214,6 +214,12 @@ def test_names_and_folder_are_checked_before_episodes_in_realaigyms_simulator(
     monkeypatch.setattr("sys.argv", arguments)
     realaigym.main()
     assert len(out.read_text().splitlines()) == 3
+    out.write_text(out.read_text().replace("energy", "other"))
+    for _ in range(2):  # the rows of other controllers stay, its own are replaced
+        realaigym.main()
+        assert [line.split(",")[0] for line in out.read_text().splitlines()[1:]] == [
+            "other", "other", "energy", "energy",
+        ]  # fmt: skip
 
 
 def test_delays_and_noise_of_a_controllers_environment_are_kept():
