@@ -29,7 +29,7 @@ def require(module: str, extra: str, purpose: str) -> Any:
         raise missing(module, extra, purpose, error) from error
 
 
-def missing(module: str, extra: str, purpose: str, error: ImportError | None = None) -> ImportError:
+def missing(module: str, extra: str, purpose: str, error: Exception | None = None) -> ImportError:
     """Return the error to raise in place of `error`, which importing `module` raised.
 
     Its text says which command installs the library, or why a library that is installed cannot be

@@ -1,6 +1,8 @@
 """Films: what their pictures show, and the files."""
 
 import json
+import re
+import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -272,6 +274,31 @@ def test_simulate_prints_the_ends_of_a_motion_and_writes_what_identify_reads(tmp
     motion = read_motion(out)
     np.testing.assert_array_equal(motion.times, expected.times)
     np.testing.assert_array_equal(motion.theta, expected.theta)
+
+
+@pytest.mark.parametrize(
+    ("module", "option"),
+    [
+        ("pygame", "--film a.gif"),
+        ("imageio_ffmpeg", "--film a.mp4"),
+        ("matplotlib", "--plot a.png"),
+    ],
+)
+@pytest.mark.parametrize("what", ["-n 1", "swingup-1"])
+def test_what_a_film_or_a_plot_needs_is_checked_before_anything_is_simulated(
+    module, option, what, tmp_path, monkeypatch, capsys
+):
+    def simulated(*_, **__):
+        raise AssertionError
+
+    for name in ("record_simulation", "record_episode"):
+        monkeypatch.setattr(f"npend_gym.recording.{name}", simulated)
+    monkeypatch.setitem(sys.modules, module, None)  # importing it fails
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", *what.split(), *option.split()]) == 1
+    error = capsys.readouterr().err
+    assert re.search(f"need {module}: install it with pip install .npend-gym", error)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_simulate_plots_a_motion_of_a_chain_from_a_file(tmp_path):

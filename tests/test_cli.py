@@ -1,8 +1,11 @@
+import errno
 import inspect
+import io
 import json
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -16,6 +19,7 @@ from scripts import run_python
 from npend_gym.cli import COMMANDS, _Command, main, parsers
 from npend_gym.cli.values import angle, setting
 from npend_gym.experiments import CampaignPlan, FlipMap, ReleaseExperiment
+from npend_gym.report import outputs, release_figures
 
 
 def test_release_prints_a_table_or_json_and_names_the_files_that_it_replaces(tmp_path, capsys):
@@ -192,3 +196,87 @@ def test_ctrl_c_keeps_what_was_measured_and_exits_with_130(tmp_path, capsys, mon
     assert "interrupted" in error
     assert "2.08" in out
     assert '"complete": false' in (tmp_path / "manifest.json").read_text()
+
+
+@pytest.mark.parametrize("words", [["--version"], ["release", "--help"]])
+def test_a_text_that_cannot_be_printed_is_a_failure_in_one_line(words, monkeypatch, capsys):
+    class Full(io.StringIO):
+        def write(self, _):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(sys, "stdout", Full())
+    with pytest.raises(SystemExit, match="1"):
+        main(words)
+    assert re.fullmatch("npend.*: .*No space left on device\n", capsys.readouterr().err)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("trouble", ["a broken matplotlib", "a wrong backend"])
+def test_results_are_written_where_figures_cannot_be_drawn(trouble, tmp_path):
+    (tmp_path / "matplotlib").mkdir()
+    (tmp_path / "matplotlib" / "__init__.py").write_text("raise ImportError('no bogus here')")
+    wrong = {"PYTHONPATH": str(tmp_path)} if "broken" in trouble else {"MPLBACKEND": "bogus"}
+    out = tmp_path / "results"
+    done = subprocess.run(
+        [sys.executable, "-m", "npend_gym", "release", "-n", "1", "-t", "1", "-o", str(out)],
+        capture_output=True, text=True, check=True, env=os.environ | wrong,
+    )  # fmt: skip
+    assert "figures need matplotlib: it is installed but cannot be imported: " in done.stderr
+    assert "bogus" in done.stderr
+    assert {path.name for path in out.iterdir()} == {
+        "release.json", "periods.csv", "summary.csv", "manifest.json",
+    }  # fmt: skip
+
+
+@pytest.fixture
+def pressing(monkeypatch):
+    """A function: it lets calls of a function press Ctrl-C, one or several times."""
+
+    def press(module, name, times):
+        function = getattr(module, name)
+
+        def pressed(*arguments, **named):
+            for _ in range(times):
+                signal.raise_signal(signal.SIGINT)
+            return function(*arguments, **named)
+
+        monkeypatch.setattr(module, name, pressed)
+
+    return press
+
+
+RELEASE = ["release", "-n", "1", "-t", "1", "-o"]
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [(release_figures, "period_against_n"), (outputs, "write_manifest")]
+)
+def test_ctrl_c_while_results_are_written_acts_once_they_are(
+    module, name, pressing, tmp_path, capsys
+):
+    pressing(module, name, 1)
+    assert main([*RELEASE, str(tmp_path)]) == 130
+    out, error = capsys.readouterr()
+    assert "period_of_each_bob.png" in out
+    assert error.endswith("npend release: interrupted\n")
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["complete"]
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {*manifest["sha256"], "manifest.json"}
+
+
+def test_a_second_ctrl_c_leaves_out_the_figures(pressing, tmp_path):
+    pressing(release_figures, "period_against_n", 2)
+    assert main([*RELEASE, str(tmp_path)]) == 130
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert list(manifest["sha256"]) == ["release.json", "periods.csv", "summary.csv"]
+    assert main(["release", str(tmp_path)]) == 0
+
+
+def test_ctrl_c_before_the_first_run_is_done_says_that_nothing_was_measured(monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("npend_gym.experiments.measure", interrupted)
+    assert main(["release", "-n", "1"]) == 130
+    assert capsys.readouterr().err.endswith("interrupted: nothing was measured\n")

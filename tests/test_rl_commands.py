@@ -1,8 +1,10 @@
 """`npend train` and `npend evaluate`, and the trainers and controllers that they call."""
 
 import csv
+import hashlib
 import json
 import re
+import sys
 from dataclasses import asdict
 
 import gymnasium as gym
@@ -12,7 +14,8 @@ from interrupt import Interrupt
 
 from npend_gym import Chain
 from npend_gym.cli import main
-from npend_gym.rl import Policy, evaluate, pretrained_names, robustness
+from npend_gym.report.robustness_report import write_evaluation
+from npend_gym.rl import PRETRAINED, Policy, evaluate, pretrained_names, robustness
 from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
 from npend_gym.rl.training.tasks import env_of_task
 
@@ -63,7 +66,8 @@ def test_evaluate_tells_what_evaluate_and_robustness_return(trained, tmp_path, c
     assert told["evaluation"] == evaluate(policy, keywords, episodes=5, seed=7).as_row()
     assert told["robustness"] == robustness(policy, keywords, seed=7).as_dict()
     assert told["provenance"]["arguments"]["env"]["max_torque"] == 6.0
-    assert json.loads((tmp_path / "robustness.json").read_text()) == told["robustness"]
+    named = {"name": "swingup-1"} | told["robustness"]
+    assert json.loads((tmp_path / "robustness.json").read_text()) == named
     assert (tmp_path / "robustness.png").read_bytes()[:4] == b"\x89PNG"
     assert json.loads((tmp_path / "evaluation.json").read_text())["evaluation"]["episodes"] == 5
 
@@ -72,6 +76,36 @@ def test_evaluate_takes_controllers_by_name(capsys):
     arguments = ["--controller", "LQR", "--task", "balance-2", "--episodes", "10"]
     assert main(["evaluate", *arguments, "--env", "max_episode_steps=300"]) == 0
     assert "success  10/10 = 100.0%" in capsys.readouterr().out
+
+
+def test_evaluate_writes_which_policy_or_controller_it_judged(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "npend_gym.report.style", None)  # importing it fails
+    short = ["--episodes", "2", "--env", "max_episode_steps=3", "--out", str(tmp_path)]
+
+    def judged(*words):
+        assert main(["evaluate", *words, *short]) == 0
+        manifest = json.loads((tmp_path / "manifest.json").read_text())
+        evaluation = json.loads((tmp_path / "evaluation.json").read_text())
+        made = evaluation["provenance"]["arguments"]
+        assert made == manifest["provenance"]["arguments"]
+        return made, capsys.readouterr().err
+
+    made, error = judged("swingup-1")
+    digest = hashlib.sha256((PRETRAINED / "swingup-1.safetensors").read_bytes()).hexdigest()
+    assert (made["policy"], made["sha256"]) == ("swingup-1", digest)
+    assert "replaces" not in error
+    assert "figures" not in error
+    made, error = judged("--controller", "energy", "--task", "swingup-1")
+    assert (made["controller"], made["task"]) == ("energy", "swingup-1")
+    assert f"npend evaluate: replaces the results in {tmp_path}\n" in error
+
+
+def test_the_file_of_what_a_policy_survives_has_its_name(tmp_path):
+    about = {"name": "mine", "provenance": {"arguments": {}}}
+    write_evaluation(about | {"robustness": {"score": 0.5}}, tmp_path, figures=False)
+    named = {"name": "mine", "score": 0.5}
+    assert json.loads((tmp_path / "robustness.json").read_text()) == named
+    assert json.loads((tmp_path / "evaluation.json").read_text()) == about
 
 
 @pytest.mark.long

@@ -102,10 +102,7 @@ def _run(argv: Sequence[str] | None) -> int:
         for command in commands.values():
             command.load()
         autocomplete(parser)
-    try:
-        options = vars(parser.parse_args(argv))
-    except SystemExit as left:  # of argparse, which ignores that its output cannot be printed
-        raise SystemExit(left.code or dispatch(parser, lambda _: 0, {})) from None
+    options = vars(parser.parse_args(argv))
     command = commands[options.pop("command")]
     return dispatch(command, lambda given: command.run(**given), options)
 

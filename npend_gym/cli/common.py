@@ -9,9 +9,11 @@ import errno
 import os
 import re
 import shlex
+import signal
 import sys
+import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
-from importlib.util import find_spec
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -54,6 +56,18 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Leave with exit code 2."""
         self.exit(BAD_ARGUMENTS, f"{self.prog}: error: {printable(message)}\n")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print; leave with exit code 1 where stdout fails, which argparse ignores."""
+
+        def show(_: object) -> int:
+            file.write(message)
+            return OK
+
+        if file is not sys.stdout:
+            super()._print_message(message, file)
+        elif code := dispatch(self, show, {}):
+            self.exit(code)
 
     def refuse(self, unknown: Sequence[str], given: Sequence[str] = ()) -> NoReturn:
         """Leave because of `unknown` arguments among those `given`, and name what may be meant."""
@@ -155,6 +169,28 @@ def _failed(message: str) -> int:
     return FAILED
 
 
+@contextlib.contextmanager
+def finishing() -> Generator[None]:
+    """Let the block write its results: Ctrl-C acts at its end, a second one at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+
+    def hold(number: int, _: object) -> None:
+        pressed.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed:
+        signal.raise_signal(signal.SIGINT)
+
+
 def prepare_results(out: Path, command: str) -> None:
     """Make the folder `out` if need be, and say so where results of another run are replaced."""
     from npend_gym.report import outputs
@@ -184,8 +220,17 @@ def progress(unit: str, total: int | None = None) -> Callable[[Iterable[_T]], It
 
 
 def can_draw() -> bool:
-    """Return whether matplotlib is installed."""
-    return find_spec("matplotlib") is not None
+    """Return whether figures can be drawn."""
+    return not _why_undrawn()
+
+
+def _why_undrawn() -> str:
+    """Return why figures cannot be drawn, "" where they can."""
+    try:
+        import_module("npend_gym.report.style")
+    except ImportError as error:
+        return str(error)
+    return ""
 
 
 def show_file(out: Path, about: str = "") -> None:
@@ -196,7 +241,5 @@ def show_file(out: Path, about: str = "") -> None:
 def show_written(written: Sequence[Path], *, figures: bool = True) -> None:
     """Print which files were written, and why there are no `figures`."""
     print("\nwritten:", *(printable(str(path)) for path in written), sep="\n  ")
-    if figures and not can_draw():
-        from npend_gym._extras import missing
-
-        warn(str(missing("matplotlib", "plot", "figures")))
+    if figures and (reason := _why_undrawn()):
+        warn(reason)

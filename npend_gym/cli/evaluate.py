@@ -21,12 +21,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from npend_gym.cli.common import OK, can_draw, progress, show_written, warn
+from npend_gym.cli.common import (
+    OK,
+    can_draw,
+    finishing,
+    prepare_results,
+    progress,
+    show_written,
+    warn,
+)
 
 if TYPE_CHECKING:
     from npend_gym.rl import Controller
 
 FILLS = {"npend_gym.rl.evaluation.episodes:evaluate": ("episodes", "seed")}
+_TASK = "swingup-2"  # of a controller, by default
 
 
 def run(
@@ -70,22 +79,23 @@ def run(
     as_json : bool
         Print everything as JSON.
     out : folder, optional
-        Write evaluation.json, and with --robust robustness.json and a figure, there.
+        Write evaluation.json, manifest.json, and with --robust robustness.json and a figure there.
     """
     import gymnasium as gym
 
-    from npend_gym import rl
+    from npend_gym import _files, rl
     from npend_gym._provenance import provenance
     from npend_gym.chain import plain_keywords
     from npend_gym.export import in_mujoco
-    from npend_gym.report import outputs
     from npend_gym.report import robustness_report as report
     from npend_gym.rl.evaluation.settings import setting_of
+    from npend_gym.rl.policies.files import pretrained_path
 
     if robust and engine == "mujoco":
         raise ValueError("--robust must be left out with --engine mujoco, which has ideal motors")
     if out is not None:
-        outputs.prepare_folder(out)
+        prepare_results(out, "npend evaluate")
+    figures = out is not None and robust and can_draw()
     seed = rl.HELD_OUT if seed is None else seed
     changed = [key for key, _ in env if policy is not None]
     name, model, keywords = chosen(policy, controller, task, dict(env), trust=trust)
@@ -97,8 +107,12 @@ def run(
     if engine == "mujoco":
         judged = in_mujoco(judged)
     row = rl.evaluate(model, judged, episodes=episodes, seed=seed).as_row()
-    made = {"env": plain_keywords(keywords), "env_id": env_id, "episodes": episodes}
-    made["engine"] = engine
+    made: dict[str, Any] = {"controller": controller, "task": task or _TASK}
+    if policy is not None:
+        file = pretrained_path(policy) if policy in rl.pretrained_names() else Path(policy)
+        made = {"policy": policy, "sha256": _files.sha256(file)}
+    made |= {"env": plain_keywords(keywords), "env_id": env_id, "episodes": episodes}
+    made |= {"engine": engine, "seed": seed}
     about = {"name": name, "provenance": provenance(made, seed)}
     result: dict[str, Any] = about | {"evaluation": row}
     if row["success"] == 0.0:
@@ -113,20 +127,17 @@ def run(
             result[score.__name__] = found
             rest = ", ".join(f"{key} {value:g}" for key, value in found.items() if key != "score")
             text.append(f"{score.__name__} {found['score']:.3f}: {rest}")
-    written: list[Path] = []
     if robust:
         show = progress("criterion")
         tried = rl.robustness(model, judged, seed=seed, progress=show).as_dict()
         result["robustness"] = tried
         text.append(report.robustness_text(tried))
+    with finishing():
+        print(json.dumps(result, indent=2, allow_nan=False) if as_json else "\n\n".join(text))
         if out is not None:
-            written += report.write_robustness(tried, out, title=name, figure=can_draw())
-    print(json.dumps(result, indent=2, allow_nan=False) if as_json else "\n\n".join(text))
-    if out is not None:
-        plain = {key: value for key, value in result.items() if key != "robustness"}
-        written.append(outputs.write_json(out / "evaluation.json", plain))
-        if not as_json:
-            show_written(written)
+            written = report.write_evaluation(result, out, figures=figures)
+            if not as_json:
+                show_written(written, figures=robust)
     return OK
 
 
@@ -146,7 +157,7 @@ def chosen(
     if (policy is None) == (controller is None):
         raise ValueError("give either a policy, or --controller with its --task")
     if controller is not None:
-        task = task or "swingup-2"
+        task = task or _TASK
         keywords = {**env_of_task(task), **env}
         made = reference_controller(controller, keywords, progress("plan"))
         return f"{controller} in {task}", made, keywords

@@ -22,7 +22,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import OK, can_draw, prepare_results, show_written, warn
+from npend_gym.cli.common import (
+    OK,
+    can_draw,
+    finishing,
+    prepare_results,
+    show_written,
+    warn,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -98,13 +105,15 @@ def run(
         problem = Problem(motion, known, **chosen)
         if out is not None:
             prepare_results(out, "npend identify")
+        figures = out is not None and can_draw()
         result = problem.solve()
-    if as_json:
-        print(json.dumps(result.as_dict(), indent=2, allow_nan=False))
-    else:
-        print(report.identification_text(result))
-    if out is not None:
-        written = report.write_identification(result, motion, out, figures=can_draw())
-        if not as_json:
-            show_written(written)
+    with finishing():
+        if as_json:
+            print(json.dumps(result.as_dict(), indent=2, allow_nan=False))
+        else:
+            print(report.identification_text(result))
+        if out is not None:
+            written = report.write_identification(result, motion, out, figures=figures)
+            if not as_json:
+                show_written(written)
     return OK

@@ -26,6 +26,7 @@ from npend_gym.cli.common import (
     INTERRUPTED,
     OK,
     can_draw,
+    finishing,
     prepare_file,
     prepare_results,
     progress,
@@ -82,24 +83,27 @@ def run(
         prepare_file(page, player.SUFFIXES, "page")
     if out is not None:
         prepare_results(out, "npend release")
+    figures = out is not None and can_draw()
     try:
         for one in progress("release")([] if runs else experiment.runs()):
             runs.append(measure(experiment, *one))
     except KeyboardInterrupt:
         interrupted = True
-    if runs:
-        show = report.summary_json if as_json else report.summary_text
-        print(show(experiment, runs))
-    if runs and out is not None:
-        written = report.write(experiment, runs, out, figures=can_draw())
-        if not as_json:
-            show_written(written)
+    with finishing():
+        if runs:
+            show = report.summary_json if as_json else report.summary_text
+            print(show(experiment, runs))
+        if runs and out is not None:
+            written = report.write(experiment, runs, out, figures=figures)
+            if not as_json:
+                show_written(written)
     if page is not None and not interrupted:
         recordings = record_first_trials(experiment, runs, progress("recording"))
         player.write(page, release_page.page(experiment, runs, recordings))
         if not as_json:
             show_file(page)
     if interrupted:
-        warn("interrupted: the runs above are complete, the rest is missing")
+        done = "the runs above are complete, the rest is missing"
+        warn(f"interrupted: {done if runs else 'nothing was measured'}")
         return INTERRUPTED
     return OK

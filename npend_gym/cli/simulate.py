@@ -90,7 +90,7 @@ def run(
     plain : bool
         Film the chain alone, in square pictures without the diagrams.
     """
-    from npend_gym import _checks
+    from npend_gym import _checks, _extras
     from npend_gym.report.outputs import FIGURES, write_figure
 
     speed = _checks.positive_number("speed", speed)
@@ -104,21 +104,22 @@ def run(
         )
     if policy is None and (trust or seed is not None):
         raise ValueError(f"--{'trust' if trust else 'seed'} is for policies: name one")
-    every: float = start.pop("interval", _INTERVAL)
-    if policy is None:
-        record = _of_chain(duration=duration, **start)
-    else:
-        record = _of_policy(policy, 0 if seed is None else seed, duration, trust=trust)
     if csv is not None:
         prepare_file(csv, (".csv",), "csv")
     if plot is not None:
         prepare_file(plot, [*FIGURES], "plot")
+        _extras.require("matplotlib", "plot", "figures")
     if film is not None:
         from npend_gym.report import animation
 
         animation.check_size(size)
         prepare_file(film, animation.SUFFIXES, "film")
         animation.check_suffix(film, fps or _FPS)
+    every: float = start.pop("interval", _INTERVAL)
+    if policy is None:
+        record = _of_chain(duration=duration, **start)
+    else:
+        record = _of_policy(policy, 0 if seed is None else seed, duration, trust=trust)
     intervals = [every] if film is None else [every, speed / (fps or _FPS)]
     recordings = record(*intervals)
     motion = recordings[0].motion

@@ -19,13 +19,13 @@ import numpy as np
 from npend_gym import _checks, _extras, _files
 from npend_gym._palette import BLACK, BLUE, GREEN, INK, ORANGE, PAPER, rgb
 from npend_gym.recording import Recording, check_angles
-from npend_gym.render import Frame, Painter, Scene
+from npend_gym.render import Frame, Painter, Scene, pygame_module
 
 try:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
-except ImportError as _error:
+except (ImportError, ValueError) as _error:  # ValueError: of a wrong MPLBACKEND
     raise _extras.missing("matplotlib", "plot,render", "films", _error) from _error
 from npend_gym.report.style import legend_below, styled
 
@@ -220,11 +220,19 @@ def check_size(size: int) -> None:
 
 
 def check_suffix(path: Path, fps: float) -> str:
-    """Return the suffix of a film, if such a file can show `fps` pictures a second."""
+    """Return the suffix of a film, if such a file can be made at `fps` pictures a second."""
     suffix = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
+    pygame_module()
     if suffix == ".gif":
         _check_gif(fps)
+    else:
+        _ffmpeg()
     return suffix
+
+
+def _ffmpeg() -> str:
+    """Return the path of the program ffmpeg."""
+    return _extras.require("imageio_ffmpeg", "render", "MP4 films").get_ffmpeg_exe()
 
 
 def _check_gif(fps: float) -> None:
@@ -279,13 +287,11 @@ def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
 
 
 def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
-    import imageio_ffmpeg
-
     height, width, _ = film.picture(0).shape
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(film.fps)]
     options = ["-f", "mp4", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-threads", "1"]
     about = ["-fflags", "+bitexact", "-metadata", f"comment={comment}"]
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *raw, "-i", "-", *options]
+    command = [_ffmpeg(), "-y", "-v", "error", *raw, "-i", "-", *options]
     with Popen(  # noqa: S603 - imageio's ffmpeg
         [*command, *about, f"file:{file.name}"], stdin=PIPE, stderr=PIPE
     ) as ffmpeg:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,9 +69,9 @@ def write_identification(
     if figures:
         from npend_gym.report import identification_figures as draw
 
-        drawn["held_out"] = draw.motions(result, motion)
-        drawn["errors"] = draw.errors(result)
-        drawn["parameters"] = draw.parameters(result)
+        drawn["held_out"] = partial(draw.motions, result, motion)
+        drawn["errors"] = partial(draw.errors, result)
+        drawn["parameters"] = partial(draw.parameters, result)
     return write_results(
         out, "identification", result.provenance["arguments"], complete=True,
         records={"fit": result.chain.as_dict(), "identification": result.as_dict()},

@@ -7,7 +7,7 @@ import json
 import math
 import platform
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,11 +96,12 @@ def write_results(
     complete: bool,
     records: Mapping[str, Mapping[str, Any]] | None = None,
     tables: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
-    figures: Mapping[str, Figure] | None = None,
+    figures: Mapping[str, Callable[[], Figure]] | None = None,
 ) -> list[Path]:
     """Write results into the folder `out`; return what was written.
 
     Each file appears whole, by rename; the manifest, with the digests of the others, comes last.
+    Figures are drawn after the tables are written, so that an error there loses no results.
 
     Parameters
     ----------
@@ -110,15 +111,19 @@ def write_results(
     complete : bool
         Whether it was done to its end.
     records, tables, figures : mapping
-        By their names: what becomes NAME.json, NAME.csv and NAME.png.
+        By their names: what becomes NAME.json, NAME.csv and NAME.png; functions draw the figures.
     """
     prepare_folder(out)
     written = [
         *(write_json(out / f"{name}.json", value) for name, value in (records or {}).items()),
         *(write_csv(out / f"{name}.csv", rows) for name, rows in (tables or {}).items()),
-        *(write_figure(out / f"{name}.png", figure) for name, figure in (figures or {}).items()),
     ]
-    return [*written, write_manifest(out, experiment, arguments, written, complete=complete)]
+    try:
+        for name, draw in (figures or {}).items():
+            written.append(write_figure(out / f"{name}.png", draw()))
+    finally:
+        manifest = write_manifest(out, experiment, arguments, written, complete=complete)
+    return [*written, manifest]
 
 
 def write_manifest(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +96,8 @@ def write(
     if figures:
         from npend_gym.report import release_figures as draw  # matplotlib, an extra
 
-        drawn["period_against_n"] = draw.period_against_n(experiment, runs)
-        drawn["period_of_each_bob"] = draw.period_of_each_bob(experiment, runs)
+        drawn["period_against_n"] = partial(draw.period_against_n, experiment, runs)
+        drawn["period_of_each_bob"] = partial(draw.period_of_each_bob, experiment, runs)
     arguments = experiment.as_dict()
     return write_results(
         out, "release", arguments, complete=len(runs) == len(experiment.runs()),

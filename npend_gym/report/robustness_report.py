@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from npend_gym.report.outputs import write_figure, write_json
+from npend_gym.report.outputs import write_results
 
 
 def evaluation_text(row: Mapping[str, Any], threshold: float | None = None) -> str:
@@ -33,13 +34,22 @@ def robustness_text(result: Mapping[str, Any]) -> str:
     return "\n".join([*lines, f"{'score':16}{result['score']:10.3f}"])
 
 
-def write_robustness(
-    result: Mapping[str, Any], out: Path, *, title: str = "", figure: bool = True
-) -> list[Path]:
-    """Write `robustness.json`, and the figure `robustness.png`; return their paths."""
-    written = [write_json(out / "robustness.json", result)]
-    if figure:
+def write_evaluation(result: Mapping[str, Any], out: Path, *, figures: bool) -> list[Path]:
+    """Write what `npend evaluate` found into `out`; return what was written.
+
+    ``robustness.json`` has what was survived, with `figures` ``robustness.png`` shows it, and
+    ``evaluation.json`` has the rest.
+    """
+    name, tried = result["name"], result.get("robustness")
+    records = {"evaluation": {key: result[key] for key in result if key != "robustness"}}
+    drawn: dict[str, Any] = {}
+    if tried is not None:
+        records["robustness"] = {"name": name} | tried
+    if tried is not None and figures:
         from npend_gym.report.robustness_figures import robustness_figure
 
-        written.append(write_figure(out / "robustness.png", robustness_figure(result, title)))
-    return written
+        drawn["robustness"] = partial(robustness_figure, tried, name)
+    return write_results(
+        out, "evaluation", result["provenance"]["arguments"], complete=True,
+        records=records, figures=drawn,
+    )  # fmt: skip

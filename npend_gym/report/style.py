@@ -14,7 +14,7 @@ try:
     import matplotlib.style
     from matplotlib.figure import Figure
     from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
-except ImportError as _error:
+except (ImportError, ValueError) as _error:  # ValueError: of a wrong MPLBACKEND
     raise _extras.missing("matplotlib", "plot", "figures", _error) from _error
 
 TRIALS = (("o", SKY), ("s", BLUE), ("^", BLACK))
