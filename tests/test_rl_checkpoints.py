@@ -14,6 +14,8 @@ from policy_files import random_policy
 
 torch = pytest.importorskip("torch")
 
+import value_iteration  # noqa: E402
+
 from npend_gym import _files, _progress  # noqa: E402
 from npend_gym.cli import main  # noqa: E402
 from npend_gym.rl.policies import files  # noqa: E402
@@ -36,6 +38,10 @@ RUNS = {
     "imitation by SPRING": (
         imitation,
         imitation.Settings(ONE, seconds=3.0, num_envs=8, **SHORT, spring_learning_rate=0.3),
+    ),
+    "value iteration": (
+        value_iteration,
+        value_iteration.Settings(updates=6, batch=8, lanes=8, memory=64, hidden=8),
     ),
     "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, **FEW)),
     "shac with chains that differ": (
