@@ -205,13 +205,14 @@ class Learner:
                     old.lerp_(new, share)
         return float(best.mean())
 
-    def returns(self, size: int, seed: int) -> FloatArray:
-        """Return the returns of the policy in some episodes, (size,), 1000 at best."""
-        states, returns = starts(np.random.default_rng(seed), size), np.zeros(size)
-        for _ in range(round(EPISODE / HOLD)):
-            states, rewards = self.futures.step(states, self.act(states))
-            returns += rewards * 1000.0 * HOLD / EPISODE
-        return returns
+
+def returns_of(act: Any, futures: Futures, size: int, seed: int) -> FloatArray:
+    """Return the returns in some episodes, (size,), 1000 at best."""
+    states, returns = starts(np.random.default_rng(seed), size), np.zeros(size)
+    for _ in range(round(EPISODE / HOLD)):
+        states, rewards = futures.step(states, act(states))
+        returns += rewards * 1000.0 * HOLD / EPISODE
+    return returns
 
 
 def train(
@@ -225,11 +226,12 @@ def train(
     for update in checkpoint.rounds(parts, settings.updates, progress, "update"):
         mean = learner.update(1.0 - (update - 1) / settings.updates)
         if update % 1000 == 0 or update == settings.updates:
+            returns = returns_of(learner.act, learner.futures, 100, settings.seed)
             curve.append({
                 "updates": update,
                 "seconds": round(clock.seconds, 2),
                 "value": round(mean, 4),
-                "return": round(float(learner.returns(100, settings.seed).mean()), 1),
+                "return": round(float(returns.mean()), 1),
             })  # fmt: skip
     linear = [layer for layer in learner.means[1] if isinstance(layer, nn.Linear)]
     policy = Policy(
