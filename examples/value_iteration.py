@@ -241,7 +241,7 @@ def train(
         env=settings.env,
         activation="relu",
         output="tanh",
-        provenance=made_by(SCRIPT, settings, curve[-1]),
+        provenance=made_by(SCRIPT, settings, curve[-1]) | {"torch": torch.__version__},
     )
     return policy, curve
 
