@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 import copy
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -35,7 +35,7 @@ from npend_gym.physics import Ensemble
 from npend_gym.report import write_csv
 from npend_gym.rl import HELD_OUT, Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
-from npend_gym.rl.training.tasks import Curve, TrainingSettings, made_by
+from npend_gym.rl.training.tasks import Curve, TrainingSettings, policy_of
 
 SCRIPT = "examples/value_iteration.py"  # named in the record of the policy
 HOLD, SUBSTEPS = 0.1, 5  # s of an action; Runge-Kutta steps in it, a reward after each of them
@@ -233,17 +233,8 @@ def train(
                 "value": round(mean, 4),
                 "return": round(float(returns.mean()), 1),
             })  # fmt: skip
-    linear = [layer for layer in learner.means[1] if isinstance(layer, nn.Linear)]
-    policy = Policy(
-        scale=SCALE,
-        weights=[layer.weight.detach().numpy() for layer in linear],
-        biases=[layer.bias.detach().numpy() for layer in linear],
-        env=settings.env,
-        activation="relu",
-        output="tanh",
-        provenance=made_by(SCRIPT, settings, curve[-1]) | {"torch": torch.__version__},
-    )
-    return policy, curve
+    made = policy_of(learner.means[1], torch.from_numpy(SCALE), SCRIPT, settings, curve[-1])
+    return replace(made, activation="relu", output="tanh"), curve
 
 
 def judge(policy: Policy, episodes: int, seed: int = HELD_OUT) -> FloatArray:

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CHUNK = 1 << 20  # bytes read at a time
+_DIGEST = hashlib.sha256().digest_size
 MAX_TEXT = 10_000_000  # bytes of a JSON file
 MAX_DEPTH = 32  # lists and dicts inside each other
 
@@ -122,6 +123,20 @@ def read_part(owner: str, path: Path, most: float = math.inf) -> bytes | None:
     except OSError:
         return None
     return data if path.stem.endswith(part_digest(owner, data)) else None
+
+
+def write_checked(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all: the SHA-256 of the content, and the content."""
+    with replacing(path, binary=True) as file:
+        file.write(hashlib.sha256(content).digest())
+        file.write(content)
+
+
+def read_checked(path: Path) -> bytes | None:
+    """Return the content of a file of `write_checked`; None where its SHA-256 does not fit."""
+    data = path.read_bytes()
+    digest, content = data[:_DIGEST], data[_DIGEST:]
+    return content if hashlib.sha256(content).digest() == digest else None
 
 
 def sha256(path: Path) -> str | None:

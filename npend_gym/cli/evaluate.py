@@ -89,7 +89,7 @@ def run(
     from npend_gym.export import in_mujoco
     from npend_gym.report import robustness_report as report
     from npend_gym.rl.evaluation.settings import setting_of
-    from npend_gym.rl.policies.files import pretrained_path
+    from npend_gym.rl.policies.shipped import policy_path
 
     if robust and engine == "mujoco":
         raise ValueError("--robust must be left out with --engine mujoco, which has ideal motors")
@@ -109,8 +109,7 @@ def run(
     row = rl.evaluate(model, judged, episodes=episodes, seed=seed).as_row()
     made: dict[str, Any] = {"controller": controller, "task": task or _TASK}
     if policy is not None:
-        file = pretrained_path(policy) if policy in rl.pretrained_names() else Path(policy)
-        made = {"policy": policy, "sha256": _files.sha256(file)}
+        made = {"policy": policy, "sha256": _files.sha256(policy_path(policy))}
     made |= {"env": plain_keywords(keywords), "env_id": env_id, "episodes": episodes}
     made |= {"engine": engine, "seed": seed}
     about = {"name": name, "provenance": provenance(made, seed)}

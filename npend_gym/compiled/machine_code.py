@@ -25,9 +25,6 @@ from numba.core.serialize import dumps
 from npend_gym import _files
 from npend_gym.compiled.notice import say
 
-_DIGEST = hashlib.sha256().digest_size
-
-
 _NumbasFolder: Any = CompileResultCacheImpl._locator_classes[0]  # noqa: SLF001 - of NUMBA_CACHE_DIR
 
 
@@ -66,25 +63,19 @@ class CheckedCache(FunctionCache):
             )
 
 
-def write_checked(path: Path, content: bytes) -> None:
-    """Write a file: the SHA-256 of the content, and the content."""
-    with _files.replacing(path, binary=True) as file:
-        file.write(hashlib.sha256(content).digest() + content)
-
-
-def read_checked(path: Path, unpack: Callable[[bytes], Any] = bytes) -> Any:
-    """Return the unpacked content of a file of `write_checked`.
+def read_code(path: Path, unpack: Callable[[bytes], Any] = bytes) -> Any:
+    """Return the unpacked content of a file of `_files.write_checked`.
 
     None where there is none, or it is damaged: it is removed then.
     """
     try:
-        file = path.read_bytes()
+        content = _files.read_checked(path)
     except OSError:
         return None
     try:
-        if hashlib.sha256(file[_DIGEST:]).digest() != file[:_DIGEST]:
+        if content is None:
             raise ValueError("checksum")
-        return unpack(file[_DIGEST:])
+        return unpack(content)
     except Exception:  # noqa: BLE001 - unpickling raises anything
         say(f"machine code in {path.parent} is damaged: compiling it again")
         with suppress(OSError):
@@ -117,11 +108,11 @@ class CodeFiles:
 
     def save(self, key: Any, data: Any) -> None:
         """Write the machine code of `key`, a signature with the processor it is for."""
-        write_checked(self._path(key), dumps(((self._stamp, key), data)))
+        _files.write_checked(self._path(key), dumps(((self._stamp, key), data)))
 
     def load(self, key: Any) -> Any:
         """Return the machine code of `key`; None where there is none, or it is damaged."""
-        belongs_to, data = read_checked(self._path(key), pickle.loads) or (None, None)
+        belongs_to, data = read_code(self._path(key), pickle.loads) or (None, None)
         return data if belongs_to == (self._stamp, key) else None
 
     def flush(self) -> None:

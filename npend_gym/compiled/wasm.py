@@ -24,8 +24,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from npend_gym import _files
 from npend_gym.compiled.jit import PACKAGE, cache_folder
-from npend_gym.compiled.machine_code import read_checked, write_checked
+from npend_gym.compiled.machine_code import read_code
 
 _TRIPLE = "wasm32-unknown-unknown"
 _FEATURES = "+bulk-memory,+sign-ext,+nontrapping-fptoint"  # in every browser since 2020
@@ -66,13 +67,13 @@ def wasm_module(kernels: Mapping[Callable[..., Any], str]) -> bytes:
     chosen = import_module("numba").config.CACHE_DIR
     digest = sha256("\n".join(what).encode()).hexdigest()[:16]
     kept = cache_folder(PACKAGE, chosen) / f"{digest}.wasm"
-    module = read_checked(kept)
+    module = read_code(kept)
     if module is not None:
         return module
     module = _compiled(kernels)
     with suppress(OSError):  # a folder that cannot be written to: the next call compiles again
         kept.parent.mkdir(parents=True, exist_ok=True)
-        write_checked(kept, module)
+        _files.write_checked(kept, module)
     return module
 
 

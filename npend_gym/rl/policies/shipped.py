@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from npend_gym.rl.policies.files import pretrained_names
+from npend_gym.rl.policies.files import pretrained_names, pretrained_path
 from npend_gym.rl.policies.policy import Policy
+
+
+def policy_path(name: str) -> Path:
+    """Return the file of a policy of the package, by its name, or the file of this name."""
+    names = pretrained_names()
+    path = pretrained_path(name) if name in names else Path(name)
+    if not path.is_file():
+        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}")
+    return path
 
 
 def find_policy(name: str, *, trust: bool = False) -> Policy:
     """Return a policy of the package by its name, or that in a file, with its environment."""
-    names = pretrained_names()
-    if name in names:
-        return Policy.pretrained(name)
-    if not Path(name).is_file():
-        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}")
-    policy = Policy.load(name, trust=trust)
+    policy = Policy.load(policy_path(name), trust=trust)
     if not policy.env:
         raise ValueError(
             f'{name} must say for which environment it is made, as "env" in its description; '

@@ -12,7 +12,6 @@ attributes alone, such as the environments of `ErrorLanes`, an object renews in 
 from __future__ import annotations
 
 import copy
-import hashlib
 import io
 import time
 from collections import Counter, OrderedDict, deque
@@ -24,13 +23,12 @@ from typing import Any
 import numpy as np
 
 from npend_gym import __version__, _checks
-from npend_gym._files import replacing
+from npend_gym._files import read_checked, write_checked
 from npend_gym._progress import bar
 from npend_gym.chain import plain_keywords
 
 _SECONDS = 20.0  # between two checkpoints
 _SHARE = 0.05  # of the time, at most, for writing them
-_DIGEST = hashlib.sha256().digest_size
 _PLAIN = bool, int, float, str, type(None)  # in a file as they are
 _CONTAINERS = dict, OrderedDict, Counter, list  # the same, where what is in them is
 _METHODS = (  # by which objects give their state and take it
@@ -92,15 +90,14 @@ class Checkpoint:
 
         if not path.is_file():
             raise ValueError(f"there is no checkpoint {path} to resume: begin without --resume")
-        with path.open("rb") as file:
-            digest, content = file.read(_DIGEST), io.BytesIO(file.read())
-        if hashlib.sha256(content.getbuffer()).digest() != digest:
+        content = read_checked(path)
+        if content is None:
             raise ValueError(
                 f"{path} is no checkpoint: it is damaged or of another version, its SHA-256 does "
                 "not fit"
             )
         try:
-            saved = torch.load(content, weights_only=True)
+            saved = torch.load(io.BytesIO(content), weights_only=True)
             about, _, _ = (saved[name] for name in ("about", "done", "parts"))
             theirs = {name: str(value) for name, value in about.items()}
         except Exception as error:
@@ -156,9 +153,7 @@ class Checkpoint:
 
         saved = {"about": self._about, "done": done, "parts": state_of(parts)}
         torch.save(saved, content := io.BytesIO())  # to a file, it would hide the OSError
-        with replacing(path, binary=True) as file:
-            file.write(hashlib.sha256(content.getbuffer()).digest())
-            file.write(content.getbuffer())
+        write_checked(path, content.getvalue())
         self.is_kept = True
 
 
