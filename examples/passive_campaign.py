@@ -22,10 +22,10 @@ if __name__ == "__main__":  # worker processes import this file, but must not st
     with Campaign(plan, folder) as campaign:
         print(campaign.status.text() or f"{len(campaign.status.done)} tasks were done before")
         bar = tqdm(total=plan.task_count, initial=len(campaign.status.done), unit="task")
-        for _task, record in campaign.run():  # on all cores; campaign.run("ray") on a cluster
+        for task, error in campaign.run():  # on all cores; campaign.run("ray") on a cluster
             bar.update()
-            if record.error:
-                print(record.task, "failed:", record.error)
+            if error:
+                print(task.id, "failed:", error)
         bar.close()
 
     # The median over the bobs follows T ~ sqrt(N + 1/2), and grows with the amplitude a as

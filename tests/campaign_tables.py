@@ -13,8 +13,8 @@ from npend_gym.experiments.campaign.parts import TABLES
 def completed(plan, out, **workers):
     """Run a campaign to its end, with one worker where no others are given."""
     with Campaign(plan, out) as campaign:
-        records = [record for _, record in campaign.run(**({"count": 1} | workers))]
-    return campaign, records
+        errors = [error for _, error in campaign.run(**({"count": 1} | workers))]
+    return campaign, errors
 
 
 def digests(plan, out):

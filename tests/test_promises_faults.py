@@ -23,8 +23,8 @@ DECLARED = (DiskError, BusyError, ValueError, OSError)  # what the command tells
 def work(out):
     """Run the campaign in `out` to its end."""
     with Campaign(PLAN, out) as campaign:
-        for _, record in campaign.run("threading", 1):
-            assert not record.error
+        for _, error in campaign.run("threading", 1):
+            assert not error
         text, complete = finish(campaign)
         assert complete, text
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 
 import gymnasium as gym
@@ -20,7 +21,7 @@ from random_interrupts import GOOD, KINDS, LANES, Alarm, interrupt, same
 
 import npend_gym
 from npend_gym._threads import Helpers
-from npend_gym.envs import Mode, ResetNeeded
+from npend_gym.envs import Mode, NPendulumVectorEnv, ResetNeeded
 from npend_gym.physics import Ensemble
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -154,6 +155,18 @@ def test_after_an_error_in_a_users_mode_a_reset_is_needed_and_options_persist(ve
         env.step(action)
     assert np.all(env.reset()[1]["theta"] == 0.3)
     env.step(action)
+
+
+def test_after_an_error_noise_is_kept_to_the_same_motors():
+    mode = Moody()
+    envs = NPendulumVectorEnv(2, n=2, actuated=(0, 1), mode=mode, torque_noise=0.3)
+    envs.keep_noise_to(1)
+    for mode.broken in (False, True, False):
+        envs.reset(seed=0)
+        with pytest.raises(ZeroDivisionError) if mode.broken else nullcontext():
+            torque = envs.step(np.zeros((2, 2)))[-1]["torque"]
+    assert np.all(torque[:, 0] != 0.0)
+    assert np.all(torque[:, 1] == 0.0)
 
 
 @pytest.mark.long

@@ -104,7 +104,7 @@ def test_a_campaign_of_a_chain_measures_it_and_keeps_it(tmp_path):
     plan = CampaignPlan(chain=CHAIN.as_dict(), amplitude=[0.2, 0.4, 0.6, 0.8], trials=2)
     assert CampaignPlan(**json.loads(json.dumps(plan.as_dict()))) == plan
     with Campaign(plan, tmp_path) as campaign:
-        assert all(record.done for _, record in campaign.run("threading", 1))
+        assert not any(error for _, error in campaign.run("threading", 1))
     (task,) = plan.tasks()
     rows = read_part(part_of(tmp_path, "releases", task))
     for start, tip in zip(rows["start_rad"].to_pylist(), rows["tip_s"].to_pylist(), strict=True):
@@ -188,7 +188,7 @@ def test_carts_and_springs_are_released_and_no_model_is_told_of_them(tmp_path, p
     assert release["onCart"] == ("base" in parts)
     plan = CampaignPlan(chain=chain, trials=2)
     with Campaign(plan, tmp_path / "campaign") as campaign:
-        assert all(record.done for _, record in campaign.run("threading"))
+        assert not any(error for _, error in campaign.run("threading"))
     assert analyse(tmp_path / "campaign").groups == ()
 
 

@@ -232,6 +232,15 @@ def test_a_cart_has_no_noise_of_torques_and_is_pushed_like_all():
     assert set(CRITERIA) - set(result.outcomes) == {"torque_noise"}
 
 
+def test_a_cart_that_no_force_moves_is_pushed_at_its_joints():
+    keywords = {"n": 1, "mode": "balance", "base": "cart", "max_force": 0.0, "actuated": (0,)}
+    keywords |= {"max_torque": 1.0, "observation": "sincos"}
+    arguments = {"criteria": {"pushed": Pushes()}, "values": 2, "repetitions": 1, "seconds": 0.5}
+    recorder = Recorder(2)
+    assert set(robustness(recorder, keywords, **arguments).outcomes) == {"pushed"}
+    assert np.ptp([info["theta"] for info in recorder.infos[-1]]) > 0.0
+
+
 @pytest.mark.parametrize(
     ("changed", "arguments", "text"),
     [

@@ -102,10 +102,10 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
     results = campaign.run(*workers)
     try:
         with shown:
-            for task, record in results:
-                if not record.done:
+            for task, error in results:
+                if error:
                     failed += 1
-                    tqdm.write(printable(f"task {task.id} failed: {record.error}"), file=sys.stderr)
+                    tqdm.write(printable(f"task {task.id} failed: {error}"), file=sys.stderr)
                 shown.set_postfix(failed=failed, refresh=False)
                 shown.update(task.releases)
     except KeyboardInterrupt:

@@ -116,6 +116,8 @@ class Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
         fresh: Episodes = type(self)(self.config, self.count, self._memory.threads, self._max_steps)
         fresh.is_single = self.is_single
+        if fresh.motors is not None and self.motors is not None:
+            fresh.motors.noisy = self.motors.noisy
         fresh.seeds.take(self.seeds)
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
         fresh._kept, fresh.some_altered = self._kept, True

@@ -13,7 +13,6 @@ from npend_gym.experiments.campaign.plan import CampaignPlan as CampaignPlan
 from npend_gym.experiments.campaign.plan import Task as Task
 from npend_gym.experiments.campaign.statistics import Outlier as Outlier
 from npend_gym.experiments.campaign.statistics import Statistics as Statistics
-from npend_gym.experiments.campaign.task import Record as Record
 from npend_gym.experiments.fits import Estimate as Estimate
 from npend_gym.experiments.fits import power_law as power_law
 from npend_gym.experiments.flip_map import FlipMap as FlipMap

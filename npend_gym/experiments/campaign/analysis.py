@@ -147,7 +147,7 @@ def analyse(out: Path | str) -> Analysis:
     --------
     >>> from npend_gym.experiments import Campaign, CampaignPlan, analyse
     >>> with Campaign(CampaignPlan(n=2, amplitude=[0.1, 0.3], trials=10), "results") as campaign:
-    ...     records = list(campaign.run())
+    ...     results = list(campaign.run())
     >>> analyse("results").statistics.median.round(3).tolist()
     [2.542, 2.569]
     """

@@ -22,7 +22,7 @@ from npend_gym._version import __version__
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.parts import RELEASES, TABLES, write_cells
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task, digest_of
-from npend_gym.experiments.campaign.task import Record, run_task
+from npend_gym.experiments.campaign.task import run_task
 
 filelock: Any = _extras.require("filelock", "campaign", "campaigns")
 
@@ -214,7 +214,7 @@ class Campaign:
     --------
     >>> plan = CampaignPlan(n=[2, 3], trials=100)
     >>> with Campaign(plan, "results") as campaign:
-    ...     print(sum(not record.error for _, record in campaign.run()), "tasks are done")
+    ...     print(sum(not error for _, error in campaign.run()), "tasks are done")
     2 tasks are done
     """
 
@@ -263,18 +263,20 @@ class Campaign:
 
     def run(
         self, backend: str = "loky", count: int | None = None, address: str | None = None
-    ) -> Generator[tuple[Task, Record], None, None]:
-        """Run the tasks that are not done; yield each with its record, once that is on the disk.
+    ) -> Generator[tuple[Task, str], None, None]:
+        """Run the tasks that are not done; yield each, with its error, once that is on the disk.
 
-        Parameters are those of `engine.workers`. When the run is interrupted or the generator is
-        closed, what has been yielded is kept.
+        The error is empty where the task is done. Parameters are those of `engine.workers`. When
+        the run is interrupted or the generator is closed, what has been yielded is kept.
 
         Raises
         ------
         DiskError
-            If a part or a record cannot be written.
+            If a part or an error cannot be written.
         WorkersLostError
             If workers are lost again and again without any result.
+        OSError
+            If no worker can be started, or no cluster reached.
         """
         if not self._lock.is_locked:
             raise RuntimeError(
@@ -283,27 +285,29 @@ class Campaign:
         work, status = partial(run_task, self.plan, self.out), self.status
         left: Iterator[Task] = (task for task in self.plan.tasks() if task.id not in status.done)
         status.failed.clear()
-        try:
-            with engine.workers(backend, count, address):
-                for task, result in engine.run(work, left):
-                    lost = isinstance(result, engine.WorkerLost)
-                    record = Record(task.id, result.reason) if lost else result
-                    if record.disk_error:
-                        raise DiskError(record.disk_error)
-                    if record.part is not None:
-                        status.done[task.id] = record.part
-                    else:
-                        self._tell(record)
-                    yield task, record
-        except OSError as error:
-            raise DiskError(f"{error.strerror or error}: {self.out}") from error
+        with engine.workers(backend, count, address):
+            for task, result in engine.run(work, left):
+                if isinstance(result, OSError):
+                    raise self._disk_error(result) from result
+                if isinstance(result, Path):
+                    status.done[task.id], error = result, ""
+                else:
+                    error = result.reason if isinstance(result, engine.WorkerLost) else result
+                    self._tell(task, error)
+                yield task, error
 
-    def _tell(self, record: Record) -> None:
+    def _tell(self, task: Task, error: str) -> None:
         """Write the error of a task that failed; the next start tries it again."""
-        self.status.failed[record.task] = record.error
-        _files.make_folder(self.out / FAILED)
-        with _files.replacing(self.out / FAILED / record.task) as file:
-            file.write(record.error)
+        self.status.failed[task.id] = error
+        try:
+            _files.make_folder(self.out / FAILED)
+            with _files.replacing(self.out / FAILED / task.id) as file:
+                file.write(error)
+        except OSError as reason:
+            raise self._disk_error(reason) from reason
+
+    def _disk_error(self, error: OSError) -> DiskError:
+        return DiskError(f"{error.strerror or error}: {error.filename or self.out}")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None,

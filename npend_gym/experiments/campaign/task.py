@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -18,52 +16,20 @@ from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 from npend_gym.period import pseudo_periods
 
 
-@dataclass(frozen=True)
-class Record:
-    """What became of a task.
+def run_task(plan: CampaignPlan, out: Path, task: Task) -> Path | str | OSError:
+    """Measure the releases of `task` and write them below `out`; return their part of RELEASES.
 
-    Attributes
-    ----------
-    task : str
-        Id of the task.
-    error : str
-        What went wrong in it, empty where nothing did.
-    cpu_s : float
-        CPU time that it took [s].
-    disk_error : str
-        Why the results could not be written, which is no fault of the task.
-    part : Path, optional
-        The task's part of RELEASES, where it is written.
+    An error in the measurement is returned as a text, so that the other tasks continue; one of the
+    disk, which is no fault of the task, as it is.
     """
-
-    task: str
-    error: str = ""
-    cpu_s: float = 0.0
-    disk_error: str = ""
-    part: Path | None = None
-
-    @property
-    def done(self) -> bool:
-        """Whether the task was measured."""
-        return not self.error
-
-
-def run_task(plan: CampaignPlan, out: Path, task: Task) -> Record:
-    """Measure the releases of `task` and write them below `out`; return what became of it.
-
-    An error in the measurement is returned, and the other tasks can continue.
-    """
-    started = time.process_time()
     try:
         starts, periods = measure_task(plan, task)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is told
-        return Record(task.id, f"{type(error).__name__}: {error}")
+        return f"{type(error).__name__}: {error}"
     try:
-        part = write_parts(plan, out, task, starts, periods)
+        return write_parts(plan, out, task, starts, periods)
     except OSError as error:
-        reason = f"{error.strerror or error}: {error.filename or out}"
-        return Record(task.id, disk_error=reason)
-    return Record(task.id, cpu_s=round(time.process_time() - started, 6), part=part)
+        return error
 
 
 def measure_task(plan: CampaignPlan, task: Task) -> tuple[FloatArray, FloatArray]:

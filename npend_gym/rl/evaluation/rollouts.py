@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -50,15 +51,15 @@ class Step(NamedTuple):
 
 def rollout(controller: Controller, envs: Any, seed: int, options: Any = None) -> Iterator[Step]:
     """Begin episodes in all lanes and yield every step until all are over; then close `envs`."""
-    observation, info = envs.reset(seed=seed, options=options)
-    forget(controller, envs.num_envs)
-    running = np.ones(envs.num_envs, np.bool_)
-    while running.any():
-        action, before = controller(observation, info), info
-        observation, reward, terminated, truncated, info = envs.step(action)
-        yield Step(running, before, reward, info)
-        running = running & ~(terminated | truncated)
-    envs.close()
+    with closing(envs):
+        observation, info = envs.reset(seed=seed, options=options)
+        forget(controller, envs.num_envs)
+        running = np.ones(envs.num_envs, np.bool_)
+        while running.any():
+            action, before = controller(observation, info), info
+            observation, reward, terminated, truncated, info = envs.step(action)
+            yield Step(running, before, reward, info)
+            running = running & ~(terminated | truncated)
 
 
 def forget(controller: Controller, num_envs: int) -> None:
