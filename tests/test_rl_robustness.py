@@ -10,7 +10,7 @@ import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import CRITERIA, HELD_OUT, Criterion, Policy, Pushes, lqr, robustness
-from npend_gym.rl.evaluation.criteria import Group
+from npend_gym.rl.evaluation.criteria import RolloutGroup
 from npend_gym.rl.evaluation.disturbances import Pulses
 
 pytestmark = pytest.mark.long  # the kernels of motors and sensors take long to compile
@@ -184,7 +184,7 @@ def test_a_memory_is_reset_before_every_criterion_with_the_number_of_its_lanes(n
 
 
 def test_a_value_is_survived_by_more_than_half_of_its_repetitions():
-    group = Group(["x"] * 3, np.arange(3.0), repetitions=4)
+    group = RolloutGroup(["x"] * 3, np.arange(3.0), repetitions=4)
     success = np.array([1, 1, 0, 0, 1, 0, 1, 1, 0, 0, 0, 0], bool)
     assert group.survived(success).tolist() == [False, True, False]
 

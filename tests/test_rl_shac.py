@@ -15,13 +15,13 @@ torch = pytest.importorskip("torch")
 def made(**changes):
     """Return settings, configuration, task, collector and learner of a small run."""
     from npend_gym.rl.training.shac import Learner, settings_of
-    from npend_gym.rl.training.short_horizons import Collector, Task
+    from npend_gym.rl.training.short_horizons import Collector, TensorTask
 
     small = {"num_envs": 4, "horizon": 6, "batch_size": 8, "total_timesteps": 48}
     settings = settings_of("swingup-2", **(small | changes))
     torch.manual_seed(settings.seed)
     config = EnvConfig(**settings.env)
-    task = Task(config, settings.gamma, settings.obs_scale)
+    task = TensorTask(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
     return settings, config, task, collector, Learner(task, 1, settings)
 
@@ -63,10 +63,10 @@ def test_a_horizon_ends_where_its_jacobians_no_longer_hold():
 
 
 def test_a_share_of_the_reward_is_for_a_tip_where_recovery_counts_it_as_up():
-    from npend_gym.rl.training.short_horizons import Task
+    from npend_gym.rl.training.short_horizons import TensorTask
 
     config = EnvConfig(n=2, mode="swingup", observation="sincos")
-    usual, other = (Task(config, 0.9, (1.0, 1.0, 5.0), share) for share in (0.0, 0.7))
+    usual, other = (TensorTask(config, 0.9, (1.0, 1.0, 5.0), share) for share in (0.0, 0.7))
     angles = np.arccos(-np.array([-1.0, 0.7, 0.9, 1.0]))  # of both rods: the tip in lengths
     states = torch.tensor(np.stack([angles, angles, 0.0 * angles, 0.0 * angles], 1)).float()
     none = torch.zeros(4, 1), torch.zeros(4, 0)
@@ -106,11 +106,11 @@ CARTS = {
 
 @pytest.mark.parametrize("task", CARTS)
 def test_rewards_and_ends_on_carts_are_those_of_the_environment(task):
-    from npend_gym.rl.training.short_horizons import Task
+    from npend_gym.rl.training.short_horizons import TensorTask
 
     env = CARTS[task] | {"spread": 0.0}
     config, rng, gamma = EnvConfig(**env), np.random.default_rng(1), 0.9
-    in_torch = Task(config, gamma, (1.0, 1.0, 5.0))
+    in_torch = TensorTask(config, gamma, (1.0, 1.0, 5.0))
     envs = gym.make_vec("NPendulum-v0", num_envs=8, **env)
     near = 0.0 if task == "calm" else np.pi
     envs.reset(
@@ -138,12 +138,15 @@ def test_rewards_and_ends_on_carts_are_those_of_the_environment(task):
 
 @pytest.mark.parametrize("energyless", [{"gravity": 0.0}, {"amplitude": 0.0}])
 def test_a_chain_that_is_calmed_from_no_energy_has_the_rewards_of_the_environment(energyless):
-    from npend_gym.rl.training.short_horizons import Task
+    from npend_gym.rl.training.short_horizons import TensorTask
 
     env = {"n": 2, "mode": "calm", "observation": "sincos", "spread": 0.0} | energyless
     envs = gym.make_vec("NPendulum-v0", num_envs=2, **env)
     envs.reset(seed=0)
-    in_torch, actions = Task(EnvConfig(**env), 0.9, (1.0, 1.0, 5.0)), torch.tensor([[1.0], [-0.5]])
+    in_torch, actions = (
+        TensorTask(EnvConfig(**env), 0.9, (1.0, 1.0, 5.0)),
+        torch.tensor([[1.0], [-0.5]]),
+    )
     for _ in range(3):
         expected = envs.step(actions.numpy())[1]
         states = torch.from_numpy(envs.unwrapped.state).float()
@@ -169,13 +172,13 @@ VARIED = {
 def test_what_differs_between_episodes_is_known_to_rewards_observations_and_steps(kind):
     """Steps of the trainer's own lanes, and those of the tensor environment with the same draws."""
     from npend_gym.rl.training.shac import Settings
-    from npend_gym.rl.training.short_horizons import Collector, Task
+    from npend_gym.rl.training.short_horizons import Collector, TensorTask
     from npend_gym.torch import DifferentiableVectorEnv
 
     env = VARIED[kind] | {"observation": "sincos"}
     settings, config = Settings(env=env, num_envs=6, horizon=3), EnvConfig(**env)
     torch.manual_seed(0)
-    task = Task(config, settings.gamma, settings.obs_scale)
+    task = TensorTask(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
     envs = DifferentiableVectorEnv(6, **env)
     envs.reset(seed=0)  # the first seed of the training episodes of seed 0
@@ -269,11 +272,11 @@ def test_a_task_that_draws_its_start_in_python_can_be_learned():
             return rng.uniform(1.0, 2.0, n), np.zeros(n)
 
     from npend_gym.rl.training.shac import Settings
-    from npend_gym.rl.training.short_horizons import Collector, Task
+    from npend_gym.rl.training.short_horizons import Collector, TensorTask
 
     env = {"n": 2, "mode": Anywhere(), "observation": "sincos"}
     settings, config = Settings(env=env, num_envs=64), EnvConfig(**env)
-    collector = Collector(config, Task(config, settings.gamma, settings.obs_scale), settings)
+    collector = Collector(config, TensorTask(config, settings.gamma, settings.obs_scale), settings)
     theta, omega = np.split(collector.states, 2, axis=1)
     as_the_task = ((theta >= 1.0) & (theta < 2.0) & (omega == 0.0)).all(axis=1)
     assert 0.1 < as_the_task.mean() < 0.5  # a quarter

@@ -21,7 +21,7 @@ torch = pytest.importorskip("torch")
 
 from npend_gym.cli import main  # noqa: E402
 from npend_gym.rl.training import imitation, shac, trainer, trainer_names  # noqa: E402
-from npend_gym.rl.training.short_horizons import Collector, Task  # noqa: E402
+from npend_gym.rl.training.short_horizons import Collector, TensorTask  # noqa: E402
 from npend_gym.rl.training.tasks import env_around, env_of_task  # noqa: E402
 
 VALIDATION = 900_000
@@ -30,7 +30,7 @@ VALIDATION = 900_000
 def play_with_shac(seed):
     settings = shac.settings_of("swingup-1", seed=seed, num_envs=3, hidden=4)
     config = EnvConfig(**settings.env)
-    Collector(config, Task(config, settings.gamma, settings.obs_scale), settings)
+    Collector(config, TensorTask(config, settings.gamma, settings.obs_scale), settings)
 
 
 class Idle:

@@ -22,7 +22,7 @@ from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import Quantities, left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
-from npend_gym.envs.seeds import Lanes, Seeds
+from npend_gym.envs.seeds import LaneNumbers, Seeds
 from npend_gym.envs.settings import HARDWARE, OF_LANES
 from npend_gym.envs.snapshots import Snapshots, States
 from npend_gym.envs.starts import (
@@ -222,7 +222,7 @@ class Episodes:
             omega[row] = _checks.vector("the velocities of mode.start", speeds, config.n)
         return theta, omega
 
-    def set_states(self, lanes: Lanes, states: States) -> None:
+    def set_states(self, lanes: LaneNumbers, states: States) -> None:
         """Put lanes into the states of records that `snapshots.check` returned, and show them."""
         self.snapshots.put(lanes, states)
         self.seeds.read_keys(lanes)

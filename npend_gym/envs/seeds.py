@@ -13,7 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray
 from npend_gym.compiled.philox import Keys, key_of, keys_of
 
-Lanes = NDArray[np.int64]
+LaneNumbers = NDArray[np.int64]
 
 
 def checked_seed(seed: Any) -> int | None:
@@ -45,7 +45,7 @@ class Seeds:
             )
         return [checked_seed(one) for one in given]
 
-    def choose(self, seed: Any, lanes: BoolArray) -> Lanes:
+    def choose(self, seed: Any, lanes: BoolArray) -> LaneNumbers:
         """Seed some lanes (B,) as `checked` has it; return those whose seed is new.
 
         A lane without a seed keeps the one it has. The first is drawn from the system where none
@@ -81,7 +81,7 @@ class Seeds:
         """Take over the seeds of all lanes."""
         self.values, self.keys[:], self._generators = other.values, other.keys, None
 
-    def read_keys(self, lanes: Lanes) -> None:
+    def read_keys(self, lanes: LaneNumbers) -> None:
         """Give some lanes the seeds of which their keys were made."""
         self.values = self.values or [0] * self._count
         for lane, (low, high) in zip(lanes.tolist(), self.keys[:, lanes].T.tolist(), strict=True):

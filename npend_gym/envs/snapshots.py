@@ -14,7 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import Episode, Pose, Setting
-from npend_gym.envs.seeds import Lanes
+from npend_gym.envs.seeds import LaneNumbers
 from npend_gym.envs.settings import OF_LANES
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
@@ -53,7 +53,7 @@ class Snapshots:
         one = memory.read_lanes(np.zeros(1, np.int64))
         self._shapes = [part.shape[1:] for part in (*one, *more().values())]
 
-    def take(self, lanes: Lanes, done: NDArray[np.bool_]) -> States:
+    def take(self, lanes: LaneNumbers, done: NDArray[np.bool_]) -> States:
         """Return the records of some lanes, (k,), new."""
         values = [*self._memory.read_lanes(lanes), *(v[lanes] for v in self._more().values())]
         columns = [part.reshape(lanes.size, math.prod(part.shape[1:])) for part in values]
@@ -109,7 +109,7 @@ class Snapshots:
             )
         return checked
 
-    def put(self, lanes: Lanes, states: States) -> None:
+    def put(self, lanes: LaneNumbers, states: States) -> None:
         """Put lanes into the states of checked records."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])
         columns = np.split(self._columns(states, "<f8")[:, self._first :], ends[:-1], axis=1)

@@ -24,7 +24,7 @@ _OF_RELEASE, _OF_BOB, _OF_TASK = 32.0, 8.5, 5000.0
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CampaignEstimate:
     """What a campaign would take, within a factor of two."""
 
     plan: CampaignPlan
@@ -41,13 +41,13 @@ class Estimate:
         )
 
 
-def estimate(plan: CampaignPlan) -> Estimate:
+def estimate(plan: CampaignPlan) -> CampaignEstimate:
     """Return what a campaign would take on this machine, where some releases are timed."""
     counts = np.array(plan.n).reshape(-1)
     per_n = plan.releases // counts.size
     seconds = per_n * float(relative_time(counts).sum()) * _time_of_five_rods(plan)
     size = per_n * float((_OF_RELEASE + _OF_BOB * counts).sum()) + _OF_TASK * plan.task_count
-    return Estimate(plan, seconds, size)
+    return CampaignEstimate(plan, seconds, size)
 
 
 def relative_time(n: NDArray[np.int64]) -> FloatArray:

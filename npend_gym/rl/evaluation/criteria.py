@@ -19,7 +19,7 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
-from npend_gym.rl.evaluation.settings import Setting
+from npend_gym.rl.evaluation.settings import EnvSetting
 
 _PUSHED = 50  # rollouts
 _FACTORS = (0.75, 1.25)  # of a parameter of the chain
@@ -42,7 +42,7 @@ class Trial(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class RolloutGroup:
     """Rollouts in one vector environment: of each value, `repetitions` lanes in a row."""
 
     parameters: list[str]  # what has each value: "masses[0]", say, or the name of the criterion
@@ -57,7 +57,7 @@ class Group:
         """Number of rollouts."""
         return self.values.size * self.repetitions
 
-    def make(self, nominal: Setting) -> Any:
+    def make(self, nominal: EnvSetting) -> Any:
         """Return the vector environment."""
         if self.pulses is not None:
             return DisturbedEnvs(nominal, self.lanes, self.pulses)
@@ -106,13 +106,13 @@ class Criterion:
         """Return the largest error that is tried in an environment."""
         return self.largest(config) if callable(self.largest) else self.largest
 
-    def groups(self, name: str, trial: Trial) -> list[Group]:
+    def groups(self, name: str, trial: Trial) -> list[RolloutGroup]:
         """Return the rollouts of the criterion `name`, a vector environment for each value."""
         config, end = trial.config, self.largest_in(trial.config)
         repeated = trial.repetitions if self.noise else 1
         tried = np.linspace(0.0, end, trial.values) if end > 0.0 else np.zeros(0)
         return [
-            Group([name], np.array([value]), repeated, self.keywords(config, float(value)))
+            RolloutGroup([name], np.array([value]), repeated, self.keywords(config, float(value)))
             for value in tried
         ]
 
@@ -124,11 +124,11 @@ class WrongModel:
     unit: str = ""  # each parameter has its own
     scored: bool = True
 
-    def groups(self, name: str, trial: Trial) -> list[Group]:
+    def groups(self, name: str, trial: Trial) -> list[RolloutGroup]:
         """Return an environment for each parameter, with lanes for each rod and value."""
         del name
         chain, values = trial.config.chain, trial.values
-        groups: list[Group] = []
+        groups: list[RolloutGroup] = []
         for parameter in _PARAMETERS:
             nominal: FloatArray = getattr(chain, parameter)
             rods = [i for i in range(chain.n) if nominal[i] != 0.0 or parameter in _WHERE_ZERO]
@@ -145,7 +145,7 @@ class WrongModel:
             # options give friction to environments alone that were made with some
             if parameter == "friction":
                 keywords["randomize"] = {parameter: {"low": 0.0, "high": float(tried.max())}}
-            group = Group(
+            group = RolloutGroup(
                 [f"{parameter}[{i}]" for i in rods for _ in range(values)],
                 np.concatenate([row[:, i] for row, i in zip(tried, rods, strict=True)]),
                 keywords=keywords,
@@ -169,11 +169,11 @@ class Pushes:
     unit: str = ""
     scored: bool = True
 
-    def groups(self, name: str, trial: Trial) -> list[Group]:
+    def groups(self, name: str, trial: Trial) -> list[RolloutGroup]:
         """Return the rollouts of the criterion `name`."""
         config, joints = trial.config, self.pushed(trial.config)
         pulses = Pulses(config, joints, trial.steps, _PUSHED, trial.seed)
-        return [Group([name] * _PUSHED, np.arange(_PUSHED, dtype=float), pulses=pulses)]
+        return [RolloutGroup([name] * _PUSHED, np.arange(_PUSHED, dtype=float), pulses=pulses)]
 
     def pushed(self, config: EnvConfig) -> NDArray[np.int64]:
         """Return the joints that are pushed."""

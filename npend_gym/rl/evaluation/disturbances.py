@@ -13,7 +13,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
-from npend_gym.rl.evaluation.settings import Setting
+from npend_gym.rl.evaluation.settings import EnvSetting
 
 # Over the torque limit, which was 6 N m there: RealAIGym, `robustness_v2/benchmark_controller.py`
 # and `simulation/perturbations.py` of dfki-ric-underactuated-lab/double_pendulum
@@ -41,7 +41,7 @@ class DisturbedEnvs:
     Where the setting has no motor there is no noise.
     """
 
-    def __init__(self, setting: Setting, num_envs: int, disturbance: Disturbance) -> None:
+    def __init__(self, setting: EnvSetting, num_envs: int, disturbance: Disturbance) -> None:
         config = setting.config
         if config.max_torque == 0.0:
             raise ValueError(

@@ -13,11 +13,11 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
-from npend_gym.rl.evaluation.criteria import CRITERIA, Group, Trial
+from npend_gym.rl.evaluation.criteria import CRITERIA, RolloutGroup, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, Lanes, Observer, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Observer, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, Setting, judging, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, EnvSetting, judging, setting_of
 
 
 class Outcome(NamedTuple):
@@ -226,12 +226,12 @@ def _check_criteria(criteria: Any) -> None:
 
 
 def _rollouts(
-    name: str, criterion: Any, trial: Trial, nominal: Setting
-) -> tuple[list[Group], Lanes]:
+    name: str, criterion: Any, trial: Trial, nominal: EnvSetting
+) -> tuple[list[RolloutGroup], JoinedEnvs]:
     """Return the rollouts of a criterion and their environments, or say that it does not fit."""
     try:
-        groups: list[Group] = criterion.groups(name, trial)
-        return groups, Lanes([group.make(nominal) for group in groups])
+        groups: list[RolloutGroup] = criterion.groups(name, trial)
+        return groups, JoinedEnvs([group.make(nominal) for group in groups])
     except ValueError as error:
         raise ValueError(
             f"criteria[{name!r}] does not fit this environment: {error}; leave it out"

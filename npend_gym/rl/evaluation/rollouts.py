@@ -81,7 +81,7 @@ def joint_motion(info: Mapping[str, Any]) -> FloatArray:
     return turned
 
 
-class Lanes:
+class JoinedEnvs:
     """Several vector environments as one: a controller acts on the lanes of all of them at once.
 
     They show the same observations and take the same actions, and may differ in all else.

@@ -37,7 +37,7 @@ def judging(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return _keywords_moved(one_torch_thread()(function))
 
 
-class Setting(NamedTuple):
+class EnvSetting(NamedTuple):
     """How to make an environment, and what its wrappers do between it and a model."""
 
     env_id: str
@@ -52,7 +52,7 @@ class Setting(NamedTuple):
             envs: Any = gym.make_vec(self.env_id, num_envs=num_envs, **keywords)
         except TypeError:
             if keywords:
-                Setting(self.env_id, {}).make(1).close()  # says so where it is none of ours
+                EnvSetting(self.env_id, {}).make(1).close()  # says so where it is none of ours
             raise
         if not isinstance(getattr(envs.unwrapped, "config", None), EnvConfig):
             *_, base = layers_of(envs)
@@ -80,7 +80,7 @@ class Setting(NamedTuple):
         envs.close()
         return envs.unwrapped.config
 
-    def nominal(self, seconds: float) -> tuple[Setting, EnvConfig, int]:
+    def nominal(self, seconds: float) -> tuple[EnvSetting, EnvConfig, int]:
         """Return the setting by which a score is measured, its config, and the steps of an episode.
 
         Nothing is drawn there by `randomize`; noise, delays and pushes that are plain keywords are
@@ -105,13 +105,13 @@ class Setting(NamedTuple):
         return setting._replace(keywords=lasting), config, steps
 
 
-def setting_of(env: EnvLike) -> Setting:
+def setting_of(env: EnvLike) -> EnvSetting:
     """Return the setting that an environment has, or say that it is none."""
     if isinstance(env, str):
-        return Setting(env, {})
+        return EnvSetting(env, {})
     if isinstance(env, Mapping):
         keywords: dict[str, Any] = dict(env)  # pyright: ignore[reportUnknownArgumentType]
-        return Setting(keywords.pop("id", ENV_ID), _without_making(keywords))
+        return EnvSetting(keywords.pop("id", ENV_ID), _without_making(keywords))
     if isinstance(env, EnvSpec):
         if env.additional_wrappers:
             raise ValueError(
@@ -119,7 +119,7 @@ def setting_of(env: EnvLike) -> Setting:
                 f"got {env.additional_wrappers[0].name}: give a vector environment with its own"
             )
         keywords = {"max_episode_steps": env.max_episode_steps} | env.kwargs
-        return Setting(env.id, _without_making(keywords))
+        return EnvSetting(env.id, _without_making(keywords))
     *_, base = [None, *layers_of(env)]
     config = _attribute(base, "config")
     if not isinstance(config, EnvConfig):
@@ -129,7 +129,7 @@ def setting_of(env: EnvLike) -> Setting:
     steps = steps or min((limit for limit in limits if limit), default=None)
     steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
     keywords = keywords_of(config) | {"max_episode_steps": steps}
-    return Setting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
+    return EnvSetting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
 
 
 def _no_setting(env: EnvLike) -> TypeError:

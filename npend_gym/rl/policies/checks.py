@@ -38,7 +38,7 @@ def check_functions(given: Any) -> dict[str, Any]:
     return functions
 
 
-def layers_of(arrays: dict[str, Float32Array]) -> Layers:
+def dense_layers(arrays: dict[str, Float32Array]) -> Layers:
     """Return the scale, the weights and the biases among the arrays of a file."""
     depth = (len(arrays) - 1) // 2
     names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]

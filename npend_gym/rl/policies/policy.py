@@ -22,7 +22,7 @@ from npend_gym.rl.policies.checks import (
     check_functions,
     check_network,
     check_trust,
-    layers_of,
+    dense_layers,
 )
 from npend_gym.rl.policies.files import (
     CHECKSUM,
@@ -342,7 +342,7 @@ class Policy:
             functions = check_functions(about.pop("network", {}))
             offset = arrays.pop("offset", None)
             check_trust(env, trust=trust)
-            return cls(*layers_of(arrays), env, about, offset, **functions)
+            return cls(*dense_layers(arrays), env, about, offset, **functions)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} is no policy: {error}") from error
 

@@ -18,8 +18,8 @@ from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import Tracking
 from npend_gym.rl.evaluation.criteria import CRITERIA, Criterion, Pushes
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
-from npend_gym.rl.evaluation.rollouts import Lanes
-from npend_gym.rl.evaluation.settings import Setting
+from npend_gym.rl.evaluation.rollouts import JoinedEnvs
+from npend_gym.rl.evaluation.settings import EnvSetting
 from npend_gym.rl.training.chain_plans import Changes
 
 NOTHING, CHAIN, PUSHES, SEVERAL = "nothing", "model", "pushes", "several"
@@ -82,7 +82,7 @@ class ErrorLanes:
 
     def __init__(
         self,
-        setting: Setting,
+        setting: EnvSetting,
         size: int,
         errors: Mapping[str, float],
         steps: int,
@@ -110,7 +110,7 @@ class ErrorLanes:
         self._highest = np.where(fixed, 1.0, 1.0 + margin)
         # episodes that have been judged at this level, and those that were good
         self.judged: NDArray[np.int64] = np.zeros((2, counts.size), np.int64)
-        self.lanes: Lanes = Lanes([self._make(k) for k in range(counts.size)])
+        self.lanes: JoinedEnvs = JoinedEnvs([self._make(k) for k in range(counts.size)])
         self._follower = Follower(size, self.config.dt, self.config.joints.size)
 
     @property

@@ -30,7 +30,7 @@ from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config, with_wider_ranges
 from npend_gym.rl.training.optimizers import Optimizer
-from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
+from npend_gym.rl.training.short_horizons import Collector, Horizons, TensorTask
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
@@ -79,8 +79,8 @@ class Learner:
 
     changes: tuple[str, ...] = ("actor", "critic", "target", "memory", "optimizers")
 
-    def __init__(self, task: Task, actions: int, settings: Settings) -> None:
-        self.task: Task = task
+    def __init__(self, task: TensorTask, actions: int, settings: Settings) -> None:
+        self.task: TensorTask = task
         self.settings: Settings = settings
         self.actor: nn.Sequential = network(task.inputs, actions, settings.hidden, last_gain=0.1)
         self.critic: nn.Sequential = network(task.judged, 1, settings.critic_hidden, last_gain=1.0)
@@ -227,7 +227,7 @@ def train(
     _checks.count("memory", settings.memory, low=settings.num_envs * settings.horizon)
     torch.manual_seed(settings.seed)
     config = with_wider_ranges(config, settings.margin)  # so that their ends are common
-    task = Task(config, settings.gamma, settings.obs_scale, settings.uptime)
+    task = TensorTask(config, settings.gamma, settings.obs_scale, settings.uptime)
     collector = Collector(config, task, settings)
     learner = Learner(task, config.joints.size, settings)
     collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where not done yet

@@ -44,7 +44,7 @@ _MIDDLE = 0.5  # of half the rail, where carts start
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit
 
 
-class Task:
+class TensorTask:
     """Observations and rewards of an environment as functions of states and actions, in torch.
 
     States (q, u), (..., 2c), are angles and the place of a cart, then the rates of these. Contexts,
@@ -204,9 +204,9 @@ class Collector:
 
     changes: tuple[str, ...] = ("rng", "numbers", "states", "noise", "age")
 
-    def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:
+    def __init__(self, config: EnvConfig, task: TensorTask, settings: Any) -> None:
         self.config: EnvConfig = config
-        self.task: Task = task
+        self.task: TensorTask = task
         self.settings: Any = settings  # of `shac`
         self.rng: np.random.Generator = np.random.default_rng(settings.seed)
         size = settings.num_envs
