@@ -28,6 +28,7 @@ ENVS = {
     "dm_control": {"chain": "dm_control cartpole 2", "rail": 30.0, "max_force": 10.0},
     "goals": {"n": 2, "mode": "transition", "reward_type": "sparse", "goal_env": True},
     "no motor": {"n": 2, "mode": "passive"},
+    "a motor without torque": {"n": 2, "max_torque": 0.0},
     "judged by Python": {"n": 2, "mode": type("Mine", (SwingUp,), {})()},
 }
 

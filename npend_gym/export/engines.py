@@ -102,7 +102,9 @@ class MujocoEpisodes(Episodes):
         _check(config)
         mujoco = _mujoco()
         self._substeps = math.ceil(config.dt / _MAX_TIMESTEP * (1.0 - 1e-12))
-        limits = config.action_limits if config.joints.size > 0 else None
+        largest = config.action_limits
+        # a motor without torque is a motor, whose control is 0
+        limits = np.where(largest > 0.0, largest, 1.0) if largest.size > 0 else None
         timestep = config.dt / self._substeps
         text = to_mjcf(config.chain, config.joints.tolist(), limits, timestep)
         self._model = mujoco.MjModel.from_xml_string(text)

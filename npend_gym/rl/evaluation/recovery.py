@@ -161,7 +161,8 @@ def recovery(
     The motors are a PID controller with gravity compensation and steps of 0.002 s. They turn joints
     by their angles with whole turns, so that a joint that has turned twice turns back twice. The
     controller acts in the steps of its environment, whose delays and noise are kept; pushes keep
-    their impulse. `randomize` is left out. No force acts on a cart while they do, and beyond the
+    their impulse. `action_delay` and `motor_lag` hold for what knocks the chain down as well, which
+    then ends that much later. `randomize` is left out. No force acts on a cart while they do, and beyond the
     end of its rail an episode is over.
 
     Parameters
