@@ -149,6 +149,14 @@ def test_a_chain_that_moves_otherwise_than_the_data_brings_a_warning():
         identify(times, theta[:, ::-1], chain=Chain.uniform(2), held_out=0.0)
 
 
+@pytest.mark.parametrize("n", [1, 2])
+def test_angles_from_upright_bring_a_warning_that_says_so(n):
+    times = np.arange(0.0, 6.0, 0.01)
+    theta = simulate(Chain.uniform(n), 1.2, 0.0, times).theta
+    with pytest.warns(UserWarning, match="times better if they are from where it stands upright"):
+        identify(times, theta - np.pi, chain=Chain.uniform(n), held_out=0.0)
+
+
 def test_torques_tell_the_scale_and_free_swings_do_not():
     times, theta, piece = recorded(TRUE, 4, torque=[0.02, -0.01])
     driven = identify(times, theta, np.tile([0.02, -0.01], (times.size, 1)), piece=piece,

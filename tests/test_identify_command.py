@@ -165,7 +165,10 @@ def test_arguments_that_read_motion_cannot_take_are_refused_by_name(motion_file)
 
 def test_the_pieces_of_several_files_are_numbered_on(motion_file):
     paths = [motion_file("time,theta0\n" + GOOD, name) for name in ("a.csv", "b.csv")]
-    assert read_motion(*paths).piece.tolist() == [0] * 60 + [1] * 60
+    with pytest.raises(ValueError, match=r"paths must name each recording once, but .*a\.csv and"):
+        read_motion(*paths)
+    motion_file("time,theta0\n" + GOOD + "9.0,0.0\n", "b.csv")
+    assert read_motion(*paths).piece.tolist() == [0] * 60 + [1] * 61
 
 
 @pytest.mark.parametrize(

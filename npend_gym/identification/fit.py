@@ -278,13 +278,13 @@ class Problem:
         moved = float(np.std(motion.theta[np.r_[tuple(training)]]))
         possible = max(float(np.ptp(motion.times[rows])) for rows in training)
         poor = fitted.scatter > _POOR * moved
-        if motion.links > 1 and (poor or duration < _SHORT * possible):
+        if poor or duration < _SHORT * possible:
             warn_of_other_angles(motion, self.stages.model, fitted)
         if poor:
             warnings.warn(
                 f"the fitted chain moves otherwise than the data, by {fitted.scatter:.2g} rad "
                 f"where angles vary by {moved:.2g} rad: check lengths, units, signs, and whether "
-                "angles are absolute",
+                "angles are absolute, and 0 where a link hangs",
                 stacklevel=4,
             )
 

@@ -109,7 +109,7 @@ class Model:
     def possible_chain(self, values: FloatArray) -> Chain | None:
         """Return the chain that has `values`, (9, n), with the masses of `chain` where possible.
 
-        None if no masses give the links positive inertias.
+        None if no masses give the links positive inertias, or no chain takes values so large.
         """
         masses, lengths = possible_masses(self.chain, values), values[LENGTH]
         if masses is None:
@@ -118,7 +118,7 @@ class Model:
         centres = (values[LIFT] - lengths * below) / masses
         inertias = values[INERTIA] - masses * centres**2 - below * lengths**2
         inertias[np.abs(inertias) < 1e-12 * values[INERTIA]] = 0.0  # rounding
-        if np.any(inertias < 0.0):
+        if np.any(inertias < 0.0) or np.any(np.abs([*values, inertias]) > _checks.LARGEST):
             return None
         given = {"masses": masses, "lengths": lengths, "centres": centres, "inertias": inertias}
         given |= _resisting(values)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -17,17 +19,15 @@ _UNLIKELY, _IMPOSSIBLE = 10.0, 100.0  # times the expected period: milliseconds 
 _AIR = 1.2  # kg/m^3, its density
 _BETTER = 3.0  # times smaller are the errors of angles that were taken wrongly
 
-
-_READINGS = (
-    (
-        partial(np.cumsum, axis=1),
-        "are relative to the link above: convert with np.cumsum(theta, axis=1), or give",
-    ),
-    (
-        partial(np.diff, axis=1, prepend=0.0),
-        "were absolute before they were added up: give them as measured, or leave out",
-    ),
-)
+_BUT = "but those given fit {} times better if they"
+_READINGS = {
+    f"theta must be absolute angles, {_BUT} are relative to the link above: convert with "
+    "np.cumsum(theta, axis=1), or give --relative of npend identify": partial(np.cumsum, axis=1),
+    f"theta must be absolute angles, {_BUT} were absolute before they were added up: give them as "
+    "measured, or leave out --relative of npend identify": partial(np.diff, axis=1, prepend=0.0),
+    f"theta must be angles from where a link hangs, {_BUT} are from where it stands upright: add "
+    "np.pi to them": partial(np.add, np.pi),
+}
 
 
 def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
@@ -55,23 +55,19 @@ def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
 
 
 def warn_of_other_angles(motion: Motion, model: Model, fitted: Fit) -> None:
-    """Warn if the angles fit much better where they are taken as those of joints, or not so.
+    """Warn if the angles fit much better as angles of joints, or not so, or as from upright.
 
     `fitted` is the fit of the angles as they were given; the same segments are fitted again.
     """
-    for convert, meaning in _READINGS:
+    tried: list[tuple[float, str]] = []
+    for meaning, convert in list(_READINGS.items())[0 if motion.links > 1 else -1 :]:
         stages = Stages(replace(motion, theta=convert(motion.theta)), model)
-        try:
+        with suppress(RuntimeError, np.linalg.LinAlgError):
             other = stages.fit_once(fitted.rows)
-        except (RuntimeError, np.linalg.LinAlgError):
-            continue
-        if other is not None and other.rmse * _BETTER < fitted.rmse:
-            warnings.warn(
-                "theta must be absolute angles, but those given fit "
-                f"{fitted.rmse / other.rmse:.1f} times better if they {meaning} --relative of "
-                "npend identify",
-                stacklevel=4,
-            )
+            tried += [] if other is None else [(other.rmse, meaning)]
+    error, meaning = min(tried, default=(math.inf, ""))
+    if error * _BETTER < fitted.rmse:
+        warnings.warn(meaning.format(f"{fitted.rmse / error:.1f}"), stacklevel=4)
 
 
 def warn_of_values(chain: Chain, segments: int, fitted: int, *, rough: bool) -> None:

@@ -8,6 +8,7 @@ import re
 import warnings
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import combinations
 from os import PathLike
 from pathlib import Path
 from typing import Any, cast
@@ -57,7 +58,8 @@ def read_motion(
     Raises
     ------
     ValueError
-        If a column is missing, a cell is no number, or the motion breaks a rule of `identify`.
+        If a column is missing, a cell is no number, or the motion breaks a rule of `identify`. If
+        two files have the same angles.
     OSError
         If a file cannot be read.
 
@@ -85,6 +87,12 @@ def read_motion(
         numbers = np.unique(one.piece, return_inverse=True)[1]
         piece.append(numbers + count)
         count += int(numbers.max()) + 1
+    for (path, one), (other_path, other) in combinations(zip(paths, motions, strict=True), 2):
+        if np.array_equal(one.theta, other.theta):
+            raise ValueError(
+                f"paths must name each recording once, but {path} and {other_path} have the same "
+                "angles"
+            )
     torque = [one.torque for one in motions if one.torque is not None]
     return Motion(
         np.concatenate([one.times for one in motions]),

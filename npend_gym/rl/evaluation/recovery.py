@@ -162,8 +162,8 @@ def recovery(
     by their angles with whole turns, so that a joint that has turned twice turns back twice. The
     controller acts in the steps of its environment, whose delays and noise are kept; pushes keep
     their impulse. `action_delay` and `motor_lag` hold for what knocks the chain down as well, which
-    then ends that much later. `randomize` is left out. No force acts on a cart while they do, and beyond the
-    end of its rail an episode is over.
+    then ends that much later. `randomize` is left out. No force acts on a cart while joints
+    are turned, and beyond the end of its rail an episode is over.
 
     Parameters
     ----------
