@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import deadly
@@ -442,6 +443,36 @@ def test_workers_that_always_die_end_the_run(times, monkeypatch):
         list(engine.run(deadly.each, range(40)))
 
 
+def test_no_more_workers_start_than_tasks_are_left(tmp_path):
+    with Campaign(CampaignPlan(n=[1], trials=1), tmp_path) as campaign:
+        assert len(list(campaign.run(count=5))) == 1
+    assert len(workers_of(psutil.Process())[0]) == 2  # one would be this process
+    for count, tasks, started in ((5, 3, 3), (3, 5, 3), (1, 5, 1), (5, 0, 2)):
+        with engine.workers("threading", count, tasks=tasks):
+            assert engine.joblib.Parallel().n_jobs == started
+
+
+@pytest.mark.parametrize(
+    ("backend", "number", "most"),
+    [("loky", 1001, 1000), ("threading", 3_000_000_000, 1000), ("ray", 100_001, 100_000)],
+)
+def test_a_number_of_workers_that_no_machine_has_is_refused(
+    backend, number, most, refusal, tmp_path
+):
+    line = ["campaign", "--out", str(tmp_path), "--n", "2", "--backend", backend, "--dry-run"]
+    assert f"workers must be between 1 and {most}, got {number}" in refusal(
+        *line, "--workers", str(number)
+    )
+    assert main([*line, "--workers", str(most)]) == 0
+
+
+def test_a_run_that_is_closed_early_warns_of_nothing():
+    with engine.workers("loky", 2):
+        results = engine.run(abs, range(100))
+        next(results)
+        results.close()
+
+
 # Paths
 
 
@@ -494,6 +525,19 @@ def command(out, *arguments):
     return [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *arguments]
 
 
+def workers_of(process):
+    """Return the workers of a process, and all that is below it."""
+    below = psutil.Process(process.pid).children(recursive=True)
+    return [each for each in below if "popen_loky" in " ".join(command_line(each))], below
+
+
+def command_line(process):
+    try:
+        return process.cmdline()
+    except psutil.NoSuchProcess:
+        return []
+
+
 def wait_for_parts(out, count, process):
     deadline = time.monotonic() + 120.0
     while time.monotonic() < deadline and process.poll() is None:
@@ -514,22 +558,51 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
     wait_for_parts(tmp_path, 200, process)  # both workers are at work
     os.killpg(process.pid, number)  # workers too, as a terminal does
     out, error = process.communicate(timeout=60)
-    assert process.returncode == 130, error
+    assert process.returncode == 128 + number, error
     assert "interrupted: what is done is kept" in error
     assert "Traceback" not in error
     assert " of 1000000 releases done" in out
     assert '"complete": false' in (tmp_path / "manifest.json").read_text()
 
 
-def test_sigterm_while_the_folder_is_checked_is_one_line_and_exit_code_130(
+@pytest.mark.long
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_while_the_workers_start_shows_no_traceback_and_ends_them(tmp_path):
+    arguments = ["--n", "5,10", "--trials", "3000", "--batch", "100", "--workers", "2"]
+    process = subprocess.Popen(
+        command(tmp_path, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    workers = []
+    while not any(each.cpu_times().user > 0.1 for each in workers):  # it imports modules
+        assert process.poll() is None
+        workers = workers_of(process)[0]
+    os.killpg(process.pid, signal.SIGINT)
+    out, error = process.communicate(timeout=60)
+    assert process.returncode == 130, error
+    assert "interrupted: what is done is kept" in error
+    assert "Traceback" not in out + error
+    assert psutil.wait_procs(workers, timeout=10.0)[1] == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_workers_block_the_signal_of_ctrl_c_from_their_start():
+    block = partial(signal.pthread_sigmask, signal.SIG_BLOCK)
+    before = block([])
+    with engine.workers("loky", 2):
+        blocked = [result for _, result in engine.run(block, [(), frozenset()])]
+    assert [signal.SIGINT in each for each in blocked] == [True, True]
+    assert block([]) == before
+
+
+def test_sigterm_while_the_folder_is_checked_is_one_line_and_exit_code_143(
     tmp_path, monkeypatch, capsys
 ):
     def terminated(*_, **__):
-        assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
         signal.raise_signal(signal.SIGTERM)
 
     monkeypatch.setattr("npend_gym.experiments.campaign.campaign.check_folder", terminated)
-    assert main(["campaign", "--out", str(tmp_path), "--n", "2", "--trials", "1"]) == 130
+    assert main(["campaign", "--out", str(tmp_path), "--n", "2", "--trials", "1"]) == 143
     assert capsys.readouterr().err == "npend campaign: interrupted\n"
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
@@ -556,8 +629,7 @@ def test_workers_whose_driver_was_killed_end_and_spoil_nothing(undisturbed, tmp_
     arguments = ["--n", "2", "--trials", "1000000", "--batch", "16", "--workers", "2"]
     process = subprocess.Popen(command(tmp_path, *arguments), stdout=subprocess.DEVNULL)
     wait_for_parts(tmp_path, 20, process)
-    below = psutil.Process(process.pid).children(recursive=True)
-    workers = [each for each in below if any("popen_loky" in word for word in each.cmdline())]
+    workers, below = workers_of(process)
     assert len(workers) == 2
     workers[0].suspend()  # it is in the middle of something, and hears nothing for now
     process.kill()

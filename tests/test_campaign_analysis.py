@@ -1,18 +1,24 @@
 """`npend analyse`: planted laws are found, planted outliers are listed, everything is escaped."""
 
 import csv
+import errno
+import json
 import re
+import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from campaign_tables import completed, read_table
+from disks import FaultyDisk
 from scripts import run_script
 
-from npend_gym import theory
+from npend_gym import _files, theory
 from npend_gym.cli import main
 from npend_gym.experiments import Campaign, CampaignPlan, analyse
 from npend_gym.report import campaign_report as report
+from npend_gym.report import player
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "passive_campaign.py"
 AMPLITUDES = [0.05, 0.3, 0.6, 0.9, 1.1]
@@ -161,6 +167,36 @@ def test_what_an_earlier_analysis_left_is_removed_and_the_campaign_is_kept(tmp_p
     report.write_analysis(result, out, figures=False)
     names = {path.name for path in out.iterdir()}
     assert names == {"cells.csv", "mine.csv", "report.html", "manifest.json"}
+
+
+def test_ctrl_c_while_an_analysis_is_written_acts_once_it_is(tmp_path, monkeypatch, capsys):
+    def pressed(*arguments, **named):
+        signal.raise_signal(signal.SIGINT)
+        return player.write(*arguments, **named)
+
+    analysed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+    monkeypatch.setattr(report, "player", SimpleNamespace(**vars(player) | {"write": pressed}))
+    assert main(["analyse", str(tmp_path)]) == 130
+    out, error = capsys.readouterr()
+    assert "report.html" in out
+    assert error.endswith("npend analyse: interrupted\n")
+    manifest = json.loads((tmp_path / "analysis" / "manifest.json").read_text())
+    assert "report.html" in manifest["sha256"]
+
+
+def test_a_full_disk_keeps_an_older_analysis_whole_or_removes_its_manifest(tmp_path, monkeypatch):
+    result = analysed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+    out, disk = tmp_path / "analysis", FaultyDisk()
+    monkeypatch.setattr(_files, "disk", disk)
+    report.write_analysis(result, out, figures=False)
+    before = (out / "manifest.json").read_bytes()
+    first, second, *_ = [k for k, name in enumerate(disk.done) if name == "open"]
+    for fatal, kept in ((first, True), (second + 1, False)):  # the old manifest is removed between
+        monkeypatch.setattr(_files, "disk", FaultyDisk(fatal, code=errno.ENOSPC))
+        with pytest.raises(OSError, match="No space left"):
+            report.write_analysis(result, out, figures=False)
+        assert [path.read_bytes() for path in out.glob("manifest.json")] == [before] * kept
+    monkeypatch.undo()
 
 
 def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch):

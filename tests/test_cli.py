@@ -106,6 +106,46 @@ def test_an_expected_failure_is_one_line_and_an_exit_code(error, code, text, mon
     assert capsys.readouterr().err == f"{text}\n"
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "release -n 1 -t 1 --out {empty}", "release {empty}", "analyse {empty}",
+        "simulate -n 1 --csv {empty}", "identify a.csv {empty} --lengths 1",
+    ],
+)  # fmt: skip
+def test_an_empty_path_is_refused(line, refusal, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["" if word == "{empty}" else word for word in line.split()]
+    assert ": must be a path, got ''" in refusal(*words)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("evaluate swingup-1 --env damping=0.1 --env damping=0.2", "--env: names 'damping' twice"),
+        ("train swingup-1 --set gamma=1 --set gamma=0.9", "--set: names 'gamma' twice"),
+        ("identify a.csv --columns time=t,theta0=a,theta0=b", "--columns: names 'theta0' twice"),
+        # what a chain has
+        ("release --chain acrobot --masses 1", "--masses must be left out with --chain"),
+        ("simulate --chain acrobot --gravity 9.81", "--gravity must be left out with --chain"),
+        ("campaign -o a --chain acrobot --damping 0", "--damping must be left out with --chain"),
+        # of a film
+        ("simulate --fps 20", "--fps must be left out without --film"),
+        ("simulate --speed 1", "--speed must be left out without --film"),
+        ("simulate --size 480", "--size must be left out without --film"),
+        ("simulate swingup-1 --plain", "--plain must be left out without --film"),
+        # a file in what is no folder
+        ("simulate --csv /dev/null/a.csv", "csv must be in a folder that can be written to, got"),
+        ("release --page /dev/null/a.html", "page must be in a folder that can be written to"),
+    ],
+)
+def test_what_a_command_would_ignore_is_refused(line, message, refusal, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert message in refusal(*line.split())
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.long
 def test_python_m_npend_gym_is_the_same_command():
     command = [sys.executable, "-m", "npend_gym", "release", "--n", "0"]
@@ -230,14 +270,14 @@ def test_results_are_written_where_figures_cannot_be_drawn(trouble, tmp_path):
 
 @pytest.fixture
 def pressing(monkeypatch):
-    """A function: it lets calls of a function press Ctrl-C, one or several times."""
+    """A function: it lets calls of a function press Ctrl-C, or send another signal."""
 
-    def press(module, name, times):
+    def press(module, name, times, number=signal.SIGINT):
         function = getattr(module, name)
 
         def pressed(*arguments, **named):
             for _ in range(times):
-                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(number)
             return function(*arguments, **named)
 
         monkeypatch.setattr(module, name, pressed)
@@ -249,13 +289,18 @@ RELEASE = ["release", "-n", "1", "-t", "1", "-o"]
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [(release_figures, "period_against_n"), (outputs, "write_manifest")]
+    ("module", "name", "number"),
+    [
+        (release_figures, "period_against_n", signal.SIGINT),
+        (outputs, "write_manifest", signal.SIGINT),
+        (outputs, "write_manifest", signal.SIGTERM),
+    ],
 )
-def test_ctrl_c_while_results_are_written_acts_once_they_are(
-    module, name, pressing, tmp_path, capsys
+def test_ctrl_c_and_sigterm_while_results_are_written_act_once_they_are(
+    module, name, number, pressing, tmp_path, capsys
 ):
-    pressing(module, name, 1)
-    assert main([*RELEASE, str(tmp_path)]) == 130
+    pressing(module, name, 1, number)
+    assert main([*RELEASE, str(tmp_path)]) == 128 + number
     out, error = capsys.readouterr()
     assert "period_of_each_bob.png" in out
     assert error.endswith("npend release: interrupted\n")

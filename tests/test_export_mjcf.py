@@ -148,6 +148,8 @@ def test_what_mujoco_does_not_know_is_refused_by_its_name():
         to_mjcf(Chain.uniform(2), motors=(0,), limits=0.0)
     with pytest.raises(ValueError, match="timestep must be greater than zero"):
         to_mjcf(Chain.uniform(2), timestep=0.0)
+    with pytest.raises(ValueError, match=r"timestep must be at most 1 s, got 1e\+30"):
+        to_mjcf(Chain.uniform(2), timestep=1e30)
     for motors in (0, None):
         with pytest.raises(TypeError, match=rf"motors must be a list such as \[0\], got {motors}"):
             to_mjcf(Chain.uniform(2), motors)

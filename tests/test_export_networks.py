@@ -1,14 +1,16 @@
 """Policies as files of PyTorch and ONNX, run by those libraries."""
 
 import dataclasses
+import errno
 import json
 
 import numpy as np
 import pytest
+from disks import FaultyDisk
 from headers import CART, draw, in_float64, network, observed
 from test_rl_memory import policy_with_memory
 
-from npend_gym import __version__
+from npend_gym import __version__, _files
 from npend_gym.cli import main
 from npend_gym.envs import EnvConfig
 from npend_gym.export import to_onnx, to_torch
@@ -117,6 +119,18 @@ def test_the_command_writes_the_file(form, file, tmp_path, refusal):
     assert f"out must be a file that ends in {file[6:]}" in refusal("export", "calm-1", *wrong)
     given = ["--to", form, "-o", str(tmp_path / file)]
     assert "--prefix is for --to c" in refusal("export", "calm-1", *given, "--prefix", "a")
+
+
+@pytest.mark.parametrize(("write", "file"), [(to_torch, "a.pt2"), (to_onnx, "a.onnx")])
+def test_a_file_that_cannot_be_written_is_an_error_that_keeps_the_older_one(
+    write, file, tmp_path, monkeypatch
+):
+    pytest.importorskip(write.__name__.removeprefix("to_"))
+    (tmp_path / file).write_text("older")
+    monkeypatch.setattr(_files, "disk", FaultyDisk(1, "half", errno.ENOSPC))
+    with pytest.raises(OSError, match="No space left"):
+        write(POLICIES["swingup-2"], tmp_path / file)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["older"]
 
 
 @pytest.mark.parametrize(("write", "file"), [(to_torch, "lqr.pt2"), (to_onnx, "lqr.onnx")])

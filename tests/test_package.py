@@ -244,6 +244,8 @@ def test_a_name_that_a_package_lacks_is_answered_with_where_it_stands():
 
 def test_the_versions_with_digests_are_those_of_the_constraints():
     root = Path(__file__).parents[1]
+    if not (root / ".ci").is_dir():
+        pytest.skip("only a clone has .ci")
     pinned = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
 
     def versions(path):

@@ -79,6 +79,7 @@ def test_the_readme_of_the_index_has_no_link_into_a_clone(repository, hook):
     assert bool(hook.addresses(repository)) == bool(repository)
 
 
+@pytest.mark.skipif(not WORKFLOWS, reason="only a clone has workflows")
 def test_every_python_that_is_named_is_tested_on_every_system():
     named = re.findall(r"Python :: (3\.\d+)\n", "\n".join(PROJECT["classifiers"]) + "\n")
     assert named == PYTHONS

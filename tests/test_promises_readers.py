@@ -14,6 +14,10 @@ NAMES = (
     "policy", "trajectory", "part", "plan", "plan_toml", "plan_yaml", "plan_json", "manifest",
     "release", "periods", "motion", "chain", "transitions",
 )  # fmt: skip
+NIGHTLY = Path(__file__).parents[1] / ".ci" / "nightly"
+of_the_night = pytest.mark.skipif(
+    not (NIGHTLY.exists() and shutil.which("bash")), reason="only a clone has it, a script of bash"
+)
 
 
 @pytest.fixture(scope="module")
@@ -56,21 +60,19 @@ def test_mutated_files_are_taken_or_refused_as_documented(name, readers):
     assert list(islice(twin, 2)) == list(islice(mutants(readers[name], 0, []), 2))
 
 
-@pytest.mark.skipif(not shutil.which("bash"), reason="a script of bash")
+@of_the_night
 def test_the_command_of_the_night_runs_parts_by_their_numbers_and_refuses_others():
-    script = Path(__file__).parents[1] / ".ci" / "nightly"
-    refused = subprocess.run([script, "x=1"], capture_output=True, text=True, check=False)
+    refused = subprocess.run([NIGHTLY, "x=1"], capture_output=True, text=True, check=False)
     assert (refused.returncode, refused.stdout) == (2, "")
     assert "a part is NAME=NUMBER" in refused.stderr
     assert "readers" in refused.stderr
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not shutil.which("bash"), reason="a script of bash")
+@of_the_night
 def test_a_rehearsal_of_the_night_ends_well(tmp_path):
-    script = Path(__file__).parents[1] / ".ci" / "nightly"
     done = subprocess.run(
-        [script, "readers=28", "properties=7"], capture_output=True, text=True, check=False,
+        [NIGHTLY, "readers=28", "properties=7"], capture_output=True, text=True, check=False,
         env={**os.environ, "CORPUS": str(tmp_path), "SEED": "3"},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr

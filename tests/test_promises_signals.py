@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -86,6 +87,60 @@ def test_a_command_hears_ctrl_c_and_leaves_with_130(capsys):
     with Interrupt():
         assert main(["release", "--n", "3000"]) == 130
     assert "interrupted" in capsys.readouterr().err
+
+
+@pytest.fixture
+def sending(monkeypatch, tmp_path):
+    """A function: it runs a command that sends itself signals while it writes over a film."""
+    old = {number: signal.getsignal(number) for number in (*ENDING, signal.SIGINT)}
+    film = tmp_path / "a.gif"
+    film.write_text("old")
+
+    def send(*numbers, handlers):
+        def write(_film, file, *_):
+            file.write(b"half")
+            for number in numbers:
+                signal.raise_signal(number)
+
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        monkeypatch.setattr("npend_gym.report.animation._write_gif", write)
+        code = main(["simulate", "-n", "1", "--duration", "1", "--film", str(film)])
+        assert {number: signal.getsignal(number) for number in handlers} == handlers
+        assert list(tmp_path.iterdir()) == [film]
+        return code, film.read_text()
+
+    yield send
+    for number, handler in old.items():
+        signal.signal(number, handler)
+
+
+ENDING = (signal.SIGTERM, signal.SIGHUP) if os.name == "posix" else ()
+DEFAULT = dict.fromkeys(ENDING, signal.SIG_DFL)
+
+
+@pytest.mark.parametrize("times", [1, 2])  # `timeout` sends two
+@pytest.mark.parametrize("at_ctrl_c", [signal.default_int_handler, signal.SIG_IGN])
+@pytest.mark.parametrize("number", ENDING)
+def test_sigterm_and_sighup_keep_the_old_file_and_leave_nothing_half_written(
+    number, at_ctrl_c, times, sending, capsys
+):
+    handlers = DEFAULT | {signal.SIGINT: at_ctrl_c}
+    assert sending(*[number] * times, handlers=handlers) == (128 + number, "old")
+    assert capsys.readouterr().err.endswith("npend simulate: interrupted\n")
+
+
+def test_a_command_leaves_alone_signals_that_are_ignored(sending):
+    handlers = dict.fromkeys(ENDING, signal.SIG_IGN)
+    assert sending(*ENDING, handlers=handlers) == (0, "half")
+
+
+def test_a_command_runs_in_a_thread_of_another_program(capsys):
+    codes = []
+    thread = threading.Thread(target=lambda: codes.append(main(["examples"])))
+    thread.start()
+    thread.join()
+    assert codes == [0], capsys.readouterr().err
 
 
 @pytest.mark.long

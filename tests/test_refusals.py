@@ -89,7 +89,7 @@ REFUSED = [
     ("campaign --out {new} --n two", "--n"),
     ("campaign --out {new} --n 3 --masses 1:2", "masses must be one number or 3"),
     ("campaign --out {new} --n 2 --backend mpi", "backend must be one of"),
-    ("campaign --out {new} --n 2 --workers 0", "workers must be at least 1"),
+    ("campaign --out {new} --n 2 --workers 0", "workers must be between 1 and 1000"),
     ("campaign --out {new} --n 2 --address auto", "address must be left out"),
     ("campaign --out /dev/null/x --n 2", "out must be a folder"),
     ("campaign nowhere.toml --out {new}", "No such file"),

@@ -246,6 +246,22 @@ def test_a_task_says_how_many_rods_are_trained(refusal, tmp_path):
     assert "--env n must be left out" in refusal("train", "swingup-1", "--env", "n=2")
 
 
+@pytest.mark.parametrize("command", ["evaluate", "export --to c --out {out}"])
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("n=3", "--env n must be left out, --task balance-2 says it; got 3"),
+        ("mode=calm", "--env mode must be left out, --task balance-2 says it; got 'calm'"),
+        ("max_episode_steps=-1", "max_episode_steps must be between 1 and"),
+    ],
+)
+def test_a_controller_is_for_the_task_that_is_named(command, setting, message, refusal, tmp_path):
+    words = command.format(out=tmp_path / "a.h").split()
+    controller = ["--controller", "LQR", "--task", "balance-2"]
+    assert message in refusal(*words, *controller, "--env", setting)
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_episode_has_the_steps_of_its_environment(refusal, tmp_path):
     message = refusal("simulate", "swingup-1", "--interval", "0.5")
     assert "--interval must be left out with a policy" in message

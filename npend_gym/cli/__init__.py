@@ -4,7 +4,8 @@ Each command is a module of this folder: its docstring is the help, and its func
 command, from whose signature the options follow (see `options`). Options that the user leaves out
 are not among those that `run` gets, so that the defaults stand in one place.
 
-Exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted (what was done is kept).
+Exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted (what was done is kept), as
+by SIGTERM (143) and SIGHUP (129).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from npend_gym.cli.common import (
     INTERRUPTED,
     Parser,
     dispatch,
+    ending_signals,
     open_closed_streams,
     respelled,
     warn,
@@ -35,6 +37,7 @@ COMMANDS = (
     "release", "simulate", "play", "campaign", "analyse", "chaos", "identify", "train", "evaluate",
     "export", "examples", "verify",
 )  # fmt: skip
+OF_CHAIN = "lengths", "masses", "centres", "gravity", "damping"  # options that --chain replaces
 _EXAMPLES = """\
 examples:
   npend release                        the paper's experiment as a table
@@ -72,20 +75,25 @@ class _Command(Parser):
         options, unknown = super().parse_known_args(args, *more, **named)
         if unknown:
             self.refuse(unknown, args)
+        if "chain" in options and (extra := [name for name in OF_CHAIN if name in options]):
+            self.error(f"--{extra[0]} must be left out with --chain, which has its own")
         return options, unknown
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    received: list[int] = []
     try:
         _interrupts.raise_at_interrupts()
         open_closed_streams()
-        return _run(argv)
+        with ending_signals(received):
+            code = _run(argv)
     except KeyboardInterrupt:
         warn("npend: interrupted")
-        return INTERRUPTED
+        code = INTERRUPTED
     finally:
         _interrupts.leave_at_interrupts()
+    return 128 + received[0] if code and received else code
 
 
 def _run(argv: Sequence[str] | None) -> int:

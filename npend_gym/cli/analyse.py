@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from npend_gym.cli.common import OK, can_draw, show_written, warn
+from npend_gym.cli.common import OK, can_draw, finishing, show_written, warn
 
 
 def run(results: Path, *, out: Path | None = None) -> int:
@@ -33,5 +33,7 @@ def run(results: Path, *, out: Path | None = None) -> int:
     print(analysis_text(result))
     if text := result.status.text():
         warn(text)
-    show_written(write_analysis(result, out or result.out / "analysis", figures=can_draw()))
+    with finishing():
+        written = write_analysis(result, out or result.out / "analysis", figures=can_draw())
+        show_written(written)
     return OK

@@ -19,9 +19,7 @@ Examples
 from __future__ import annotations
 
 import os
-import signal
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,11 +71,7 @@ def run(
 
         print(estimate(campaign.plan).text(workers or os.cpu_count() or 1))
         return OK
-    with ExitStack() as stack:
-        # clusters end a job by SIGTERM: it is treated as Ctrl-C
-        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-        stack.callback(signal.signal, signal.SIGTERM, before)
-        stack.enter_context(campaign)
+    with campaign:
         return _run(campaign, (backend, workers, address))
 
 

@@ -101,8 +101,9 @@ def printable(text: str) -> str:
 
 
 def warn(text: str) -> None:
-    """Print a line to the error stream."""
-    print(printable(text), file=sys.stderr)
+    """Print a line to the error stream, if it is open: that of a closed terminal is not."""
+    with contextlib.suppress(OSError):
+        print(printable(text), file=sys.stderr)
 
 
 def open_closed_streams() -> None:
@@ -170,6 +171,33 @@ def _failed(message: str) -> int:
 
 
 @contextlib.contextmanager
+def ending_signals(received: list[int]) -> Generator[None]:
+    """Let SIGTERM and SIGHUP do what Ctrl-C does, and append those `received`.
+
+    Every second one is ignored: `timeout` sends two, and the second would stop the removal of what
+    is half written. Signals that are ignored, as SIGHUP under `nohup`, stay so.
+    """
+
+    def act(number: int, frame: Any) -> None:
+        received.append(number)
+        if len(received) % 2:
+            at_ctrl_c = signal.getsignal(signal.SIGINT)  # shells ignore it for jobs behind `&`
+            (at_ctrl_c if callable(at_ctrl_c) else signal.default_int_handler)(number, frame)
+
+    changed: list[int] = []
+    if threading.current_thread() is threading.main_thread():
+        numbers = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]
+        changed += [each for each in numbers if each and signal.getsignal(each) is signal.SIG_DFL]
+    try:
+        for number in changed:
+            signal.signal(number, act)
+        yield
+    finally:
+        for number in changed:
+            signal.signal(number, signal.SIG_DFL)
+
+
+@contextlib.contextmanager
 def finishing() -> Generator[None]:
     """Let the block write its results: Ctrl-C acts at its end, a second one at once."""
     if threading.current_thread() is not threading.main_thread():
@@ -187,8 +215,10 @@ def finishing() -> Generator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if pressed:
+    if signal.SIGINT in pressed:
         signal.raise_signal(signal.SIGINT)
+    elif pressed:  # SIGINT itself may be ignored
+        raise KeyboardInterrupt
 
 
 def prepare_results(out: Path, command: str) -> None:
@@ -206,7 +236,7 @@ def prepare_file(out: Path, suffixes: Sequence[str], name: str = "out") -> None:
 
     if out.suffix not in suffixes or out.is_dir():
         raise ValueError(f"{name} must be a file that ends in {' or '.join(suffixes)}, got {out}")
-    outputs.prepare_folder(out.parent)
+    outputs.prepare_folder(out.parent, f"{name} must be in")
 
 
 def progress(unit: str, total: int | None = None) -> Callable[[Iterable[_T]], Iterable[_T]]:

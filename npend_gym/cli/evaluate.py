@@ -17,7 +17,7 @@ Examples
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -150,6 +150,7 @@ def chosen(
 ) -> tuple[str, Controller, dict[str, Any]]:
     """Return name, policy or controller, and keywords of the environment."""
     from npend_gym.rl.controllers.references import reference_controller
+    from npend_gym.rl.evaluation.settings import setting_of
     from npend_gym.rl.policies.shipped import find_policy
     from npend_gym.rl.training.tasks import env_of_task
 
@@ -157,10 +158,22 @@ def chosen(
         raise ValueError("give either a policy, or --controller with its --task")
     if controller is not None:
         task = task or _TASK
+        refuse_said(env, ("n", "mode"), f"--task {task}")
         keywords = {**env_of_task(task), **env}
+        setting_of(keywords).make(1).close()  # checks all keywords
         made = reference_controller(controller, keywords, progress("plan"))
         return f"{controller} in {task}", made, keywords
     if task is not None:
         raise ValueError("--task is for a --controller: a policy knows its environment")
     loaded = find_policy(str(policy), trust=trust)
     return Path(str(policy)).stem, loaded, {**loaded.env, **env}
+
+
+def refuse_said(env: Mapping[str, Any], names: Sequence[str], task: str) -> None:
+    """Refuse keywords of these names, which the name of the `task` says."""
+    from npend_gym import _checks
+
+    for name in names:
+        if name in env:
+            value = _checks.show(env[name])
+            raise ValueError(f"--env {name} must be left out, {task} says it; got {value}")

@@ -91,7 +91,7 @@ def run(
             raise ValueError("--chain is for --to mjcf or urdf")
         if controller is not None:
             _checks.choice("--controller", controller, _IN_C)
-            if controller == "plan" and f"{dict(env).get('mode', task)}".startswith("transition"):
+            if controller == "plan" and str(task).startswith("transition"):
                 raise ValueError(
                     "--controller plan must have a task with one goal, such as swingup-2: a header "
                     "has one plan; give rl.planned_transition(...) to export.to_c in Python"

@@ -97,8 +97,6 @@ def run(
             raise ValueError(
                 f"files must be CSV files: {error.filename} cannot be read: {error.strerror}"
             ) from error
-        if chain is not None and single:
-            raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")
         if chain is None and lengths is None:
             raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
         known: Any = {"masses": 1.0} | single if chain is None else chain

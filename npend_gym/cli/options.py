@@ -28,8 +28,8 @@ _READERS: dict[str, tuple[Any, str]] = {
     "int": (int, "X"),
     "float": (float, "X"),
     "str": (str, "X"),
-    "Path": (Path, "X"),
-    "Sequence[Path]": (Path, "X"),
+    "Path": (values.path, "X"),
+    "Sequence[Path]": (values.path, "X"),
     "Sequence[int]": (values.integers, "X,..."),
     "int | Sequence[int]": (values.integers, "X,..."),
     "Sequence[str]": (values.texts, "NAME,..."),
@@ -48,6 +48,19 @@ _ANGLES = {
 }
 # Of a docstring: names, type and text of a parameter
 _ENTRY = re.compile(r"^([\w*, ]+?) : (.+)\n((?: {4}.*\n|\n)+)", re.MULTILINE)
+
+
+class _Settings(argparse.Action):
+    """An option that may be repeated, each time with another name."""
+
+    def __call__(self, _: Any, namespace: Any, given: Any, __: str | None = None) -> None:
+        """Append a name and its value to those before."""
+        pairs = [*getattr(namespace, self.dest, ()), given]
+        try:
+            values.once(pairs)
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentError(self, str(error)) from error
+        setattr(namespace, self.dest, pairs)
 
 
 class _Parameter(NamedTuple):
@@ -102,7 +115,7 @@ def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
         word = (unit[1].replace(" ", "") if unit else noun).upper()
         about["metavar"] = placeholder.replace("X", word)
     if about.get("type") is values.setting:
-        about["action"] = "append"
+        about["action"] = _Settings
     if by_keyword:
         short = [_SHORT[option]] if option in _SHORT else []
         parser.add_argument(*short, option, dest=name, required=default is None, **about)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from npend_gym.physics import Trajectory
     from npend_gym.recording import Recording
 
-_FPS = 25.0
+_FPS, _SIZE = 25.0, 480
 _RODS, _ANGLE, _SECONDS = 5, math.pi / 4, 10.0  # by default
 _INTERVAL = 0.01  # s
 _SHOWN = 10  # rods that are printed
@@ -56,10 +56,10 @@ def run(
     film: Path | None = None,
     interval: float | None = None,
     fps: float | None = None,
-    speed: float = 1.0,
+    speed: float | None = None,
     plain: bool = False,
     trust: bool = False,
-    size: int = 480,
+    size: int | None = None,
     **chain: Any,
 ) -> int:
     """Simulate, print and write; return the exit code.
@@ -93,7 +93,12 @@ def run(
     from npend_gym import _checks, _extras
     from npend_gym.report.outputs import FIGURES, write_figure
 
-    speed = _checks.positive_number("speed", speed)
+    of_film = {"fps": fps, "speed": speed, "size": size, "plain": plain or None}
+    extra = [name for name, value in of_film.items() if value is not None]
+    if film is None and extra:
+        raise ValueError(f"--{extra[0]} must be left out without --film")
+    speed = _checks.positive_number("speed", 1.0 if speed is None else speed)
+    size = _SIZE if size is None else size
     fps = None if fps is None else _checks.positive_number("fps", fps)
     given: dict[str, Any] = {"n": n, "theta": theta, "omega": omega, "interval": interval} | chain
     start = {name: value for name, value in given.items() if value is not None}

@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym.cli.common import OK, printable, show_written, warn
+from npend_gym.cli.evaluate import refuse_said
 
 FILLS = {"npend_gym.cli.evaluate:run": ("env",)}
 _DEFAULT = "shac"  # for a task that none has settings for
@@ -95,8 +96,7 @@ def run(
                 f"in {around}"
             )
         keywords = {k: value for k, value in keywords.items() if k != "n"} | found
-    if "n" in dict(env):
-        raise ValueError(f"--env n must be left out, TASK says it; got {task}")
+    refuse_said(dict(env), ("n",), f"TASK {task}")
     using = replace(using, env={**keywords, **dict(env)})
     checkpoint = Checkpoint(using, kept, resume=resume)
     try:

@@ -6,7 +6,8 @@ import argparse
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any, TypeVar
 
 _T = TypeVar("_T")
@@ -44,6 +45,13 @@ def integers(text: str) -> list[int]:
     return _items(int, text, "whole numbers joined by commas such as 1,2,3")
 
 
+def path(text: str) -> Path:
+    """Return a path; refuse an empty text, which `Path` takes for the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("must be a path, got ''; is a shell variable unset?")
+    return Path(text)
+
+
 def texts(text: str) -> list[str]:
     """Return the texts of a list joined by commas."""
     return text.split(",")
@@ -76,7 +84,17 @@ def columns(text: str) -> dict[str, str]:
     pairs = [pair.partition("=") for pair in text.split(",")]
     if not all(name and sign and column for name, sign, column in pairs):
         raise argparse.ArgumentTypeError(f"must be like time=t,theta0=q1, got {text!r}")
-    return {name.strip(): column.strip() for name, _, column in pairs}
+    return once((name.strip(), column.strip()) for name, _, column in pairs)
+
+
+def once(pairs: Iterable[tuple[str, _T]]) -> dict[str, _T]:
+    """Return names and values as a dict; refuse a name that is there twice."""
+    found: dict[str, _T] = {}
+    for name, value in pairs:
+        if name in found:
+            raise argparse.ArgumentTypeError(f"names {name!r} twice; give it once")
+        found[name] = value
+    return found
 
 
 def chain_argument(text: str) -> Any:

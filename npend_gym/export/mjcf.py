@@ -15,6 +15,7 @@ from npend_gym.chain import Chain, check_chain
 MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
 OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
 _MAX_BODIES = 496  # which make 500 elements inside each other: MuJoCo reads no more
+_MAX_TIMESTEP = 1.0  # s
 
 
 def to_mjcf(
@@ -37,7 +38,7 @@ def to_mjcf(
     limits : float or array_like, shape (motors,), optional
         Largest torque [N m] or force [N] of each motor, for mjcf. Without limits by default.
     timestep : float
-        Interval of MuJoCo's integrator, RK4, for mjcf [s].
+        Interval of MuJoCo's integrator, RK4, for mjcf [s], at most 1.
 
     Returns
     -------
@@ -73,6 +74,8 @@ def to_mjcf(
     root = ET.Element("mujoco", model=f"chain of {chain.n}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     step = _checks.positive_number("timestep", timestep)
+    if step > _MAX_TIMESTEP:
+        raise ValueError(f"timestep must be at most {_MAX_TIMESTEP:g} s, got {step:g}")
     gravity = text_of(0.0, 0.0, -chain.gravity)
     option = ET.SubElement(
         root, "option", timestep=text_of(step), integrator="RK4", gravity=gravity

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from os import PathLike
@@ -136,8 +137,10 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
     program = torch.export.export(
         module, tuple(examples), dynamic_shapes=tuple({0: batch} for _ in examples)
     )
+    content = io.BytesIO()  # PyTorch ends the process where it cannot write a file
+    torch.export.save(program, content, extra_files=_texts(policy))
     with replacing(Path(path), binary=True) as file:
-        torch.export.save(program, file, extra_files=_texts(policy))
+        file.write(content.getbuffer())
 
 
 def _check_policy(policy: Any) -> None:

@@ -17,7 +17,13 @@ from npend_gym.experiments.campaign.campaign import CELLS, PLAN
 from npend_gym.experiments.campaign.parts import finite_or_none
 from npend_gym.experiments.campaign.statistics import FAR
 from npend_gym.report import player
-from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
+from npend_gym.report.outputs import (
+    prepare_folder,
+    write_all,
+    write_csv,
+    write_figure,
+    write_manifest,
+)
 
 _DRAWN, _SHOWN = 12, 200  # groups that get figures, rows of a table in the page
 _NO_LAW = (
@@ -168,7 +174,8 @@ def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path
         raise ValueError(f"out must be another folder than the campaign's, got {out}")
     prepare_folder(out)
     contents = tables(analysis)
-    written = [write_csv(out / f"{name}.csv", rows) for name, rows in contents.items() if rows]
+    files = (write_csv(out / f"{name}.csv", rows) for name, rows in contents.items() if rows)
+    written = write_all(out, files)
     pictures = _figures(analysis, out) if figures else []
     player.write(out / "report.html", page(analysis, contents, pictures))
     written += [*pictures, out / "report.html"]

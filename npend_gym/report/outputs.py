@@ -7,7 +7,8 @@ import json
 import math
 import platform
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from npend_gym._version import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # an extra
 
+MANIFEST = "manifest.json"
 _MADE_BY = f"npend_gym {__version__}"
 # The formats of figures by suffix, with what their files say of themselves
 FIGURES: dict[str, dict[str, Any]] = {
@@ -26,17 +28,15 @@ FIGURES: dict[str, dict[str, Any]] = {
 }
 
 
-def prepare_folder(out: Path) -> None:
-    """Make the folder `out` if need be, and see that it can be written to."""
+def prepare_folder(out: Path, rule: str = "out must be") -> None:
+    """Make the folder `out` if need be, and see that it can be written to; else say the `rule`."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
             pass
     except OSError as error:
         reason = error.strerror or str(error)
-        raise ValueError(
-            f"out must be a folder that can be written to, got {out}: {reason}"
-        ) from error
+        raise ValueError(f"{rule} a folder that can be written to, got {out}: {reason}") from error
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
@@ -88,6 +88,18 @@ def write_figure(path: Path, figure: Figure) -> Path:
     return path
 
 
+def write_all(out: Path, *parts: Iterable[Path]) -> list[Path]:
+    """Return the paths that `parts` yield as they write files into `out`, in place of older ones.
+
+    The first file ends the older results, so that the older manifest is removed with it.
+    """
+    written: list[Path] = []
+    for path in chain.from_iterable(parts):
+        _files.remove(out / MANIFEST)
+        written.append(path)
+    return written
+
+
 def write_results(
     out: Path,
     experiment: str,
@@ -114,10 +126,11 @@ def write_results(
         By their names: what becomes NAME.json, NAME.csv and NAME.png; functions draw the figures.
     """
     prepare_folder(out)
-    written = [
-        *(write_json(out / f"{name}.json", value) for name, value in (records or {}).items()),
-        *(write_csv(out / f"{name}.csv", rows) for name, rows in (tables or {}).items()),
-    ]
+    written = write_all(
+        out,
+        (write_json(out / f"{name}.json", value) for name, value in (records or {}).items()),
+        (write_csv(out / f"{name}.csv", rows) for name, rows in (tables or {}).items()),
+    )
     try:
         for name, draw in (figures or {}).items():
             written.append(write_figure(out / f"{name}.png", draw()))
@@ -142,4 +155,4 @@ def write_manifest(
         | {"platform": platform.platform()},
         "sha256": {path.relative_to(out).as_posix(): _files.sha256(path) for path in written},
     }
-    return write_json(out / "manifest.json", manifest)
+    return write_json(out / MANIFEST, manifest)

@@ -285,7 +285,8 @@ class Campaign:
         work, status = partial(run_task, self.plan, self.out), self.status
         left: Iterator[Task] = (task for task in self.plan.tasks() if task.id not in status.done)
         status.failed.clear()
-        with engine.workers(backend, count, address):
+        count_left = self.plan.task_count - len(status.done)
+        with engine.workers(backend, count, address, count_left):
             for task, result in engine.run(work, left):
                 if isinstance(result, OSError):
                     raise self._disk_error(result) from result

@@ -5,10 +5,13 @@ from __future__ import annotations
 import _thread
 import multiprocessing
 import os
+import signal
+import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
@@ -21,6 +24,7 @@ _R = TypeVar("_R")
 
 BACKENDS = ("loky", "threading", "ray", "dask")
 CLUSTERS = ("ray", "dask")
+_MOST, _MOST_OF_CLUSTERS = 1000, 100_000  # workers
 _MAX_ATTEMPTS = 3  # lost workers while a task was running, after which it is run alone
 _MAX_NO_PROGRESS = 5  # losses in a row without any result, after which something else is wrong
 # The end of a process, however it ends, closes its end of the pipe, on every system
@@ -52,23 +56,30 @@ class WorkerLost:
 
 @contextmanager
 def workers(
-    backend: str = "loky", count: int | None = None, address: str | None = None
+    backend: str = "loky",
+    count: int | None = None,
+    address: str | None = None,
+    tasks: int = _MOST,
 ) -> Generator[None, None, None]:
     """Choose the backend of joblib that `run` uses: local processes or threads, or a cluster.
 
-    By default there are as many workers as the machine or the cluster has cores. Without the
-    `address` of a running cluster, Ray and Dask start one on this machine.
+    By default there are as many workers as the machine or the cluster has cores. This machine has
+    no more than `tasks`, or 2, because one worker would be this process. Without the `address` of a
+    running cluster, Ray and Dask start one on this machine.
     """
     check_workers(backend, count, address)
     with ExitStack() as stack:
-        count, own = count or -1, dict[str, Any]()
+        number, own = count or -1, dict[str, Any]()
+        if backend not in CLUSTERS:
+            number = min(count or joblib.cpu_count(), max(tasks, 2))
         if backend == "ray":
-            _ray(stack, count, address)
+            _ray(stack, number, address)
         elif backend == "dask":
-            _dask(stack, count, address)
+            _dask(stack, number, address)
         elif backend == "loky":
             own = {"initializer": end_with_the_driver, "initargs": (_driver_is_alive,)}
-        stack.enter_context(joblib.parallel_config(backend=backend, n_jobs=count, **own))
+            backend = _loky()
+        stack.enter_context(joblib.parallel_config(backend=backend, n_jobs=number, **own))
         yield
 
 
@@ -76,7 +87,8 @@ def check_workers(backend: str, count: int | None, address: str | None) -> None:
     """Check the arguments of `workers`, and raise its errors."""
     _checks.choice("backend", backend, BACKENDS)
     if count is not None:
-        _checks.count("workers", count)
+        most = _MOST_OF_CLUSTERS if backend in CLUSTERS else _MOST
+        _checks.count("workers", count, high=most)
     if address is not None and backend not in CLUSTERS:
         raise ValueError(
             f"address must be left out where backend is {backend}: it is that of a Ray or Dask "
@@ -93,6 +105,37 @@ def end_with_the_driver(driver_is_alive: Connection) -> None:
         os._exit(1)
 
     _thread.start_new_thread(wait, ())
+
+
+def _loky() -> str:
+    """Return the name of a backend like loky, whose workers never get the SIGINT of a Ctrl-C.
+
+    The driver ends them. A worker has no handler of its own until its imports are done, but it
+    inherits what is blocked. Only the first `submit` starts workers and the thread that replaces
+    them.
+    """
+
+    def submit(self: Any, *given: Any, **options: Any) -> Any:
+        with _interrupts_blocked():
+            return loky.submit(self, *given, **options)
+
+    loky = joblib.parallel.LokyBackend
+    joblib.register_parallel_backend("npend", type("Loky", (loky,), {"submit": submit}))
+    return "npend"
+
+
+@contextmanager
+def _interrupts_blocked() -> Generator[None, None, None]:
+    """Block SIGINT in this thread, and in the threads and processes that the block starts."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would unblock SIGINT
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _ray(stack: ExitStack, count: int, address: str | None) -> None:
@@ -172,13 +215,25 @@ def _in_one_pool(
         return_as="generator_unordered", pre_dispatch="2*n_jobs", batch_size=1
     )
     try:
-        for task, result in parallel(dispatch()):
-            del running[task]
-            returned += 1
-            yield task, result
+        with _closed_silently(parallel(dispatch())) as results:
+            for task, result in results:
+                del running[task]
+                returned += 1
+                yield task, result
     except Exception as raised:  # noqa: BLE001 - each backend has its own for a lost worker
         error = raised
     return WorkerLost([*running], returned, error) if running or error else None
+
+
+@contextmanager
+def _closed_silently(results: Any) -> Generator[Any, None, None]:
+    """Close the results of joblib after the block, without its warning about unfinished tasks."""
+    try:
+        yield results
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()
 
 
 def _labelled(work: Callable[[_T], _R], task: _T) -> tuple[_T, _R]:
