@@ -71,6 +71,8 @@ BUDGET, CHECKED = 300.0, 15.0  # s of processor time: for all, and between trial
 EPISODE = 10.0  # s, in training; an evaluation has the environment's own length
 TRIALS = 50  # validation episodes in a trial
 KEY = ("task", "agent", "seed")
+MEANS: dict[str, Any] = {"mean": np.mean, "interquartile mean": interquartile_mean}
+SOLVED = 0.95  # of a run that the curves of the figure count
 
 
 class Budget(BaseCallback):
@@ -202,30 +204,44 @@ def table(rows: list[dict[str, Any]]) -> str:
             cells.append(
                 f"{100 * np.mean(success):.0f} %, {np.median(seconds):.0f} s" if success else "-"
             )
-        lines.append("| " + " | ".join(cells + overall(rows, tasks, agent)) + " |")
+        lines.append("| " + " | ".join(cells + overall(rows, agent)) + " |")
     return "\n".join(lines) + "\n"
 
 
-def overall(rows: list[dict[str, Any]], tasks: list[str], agent: str) -> list[str]:
-    """Return the cells of means over all tasks, with as many seeds of each."""
-    runs = [scores(rows, task, agent, "success") for task in tasks]
+def success_of(rows: list[dict[str, Any]], agent: str) -> Any:
+    """Return the success of an algorithm [%], (seeds, tasks), with as many seeds of each task."""
+    runs = [scores(rows, task, agent, "success") for task in tried(rows)]
     count = min(map(len, runs), default=0)
-    if count == 0:
+    return 100.0 * np.array([each[:count] for each in runs]).T
+
+
+def overall(rows: list[dict[str, Any]], agent: str) -> list[str]:
+    """Return the cells of means over all tasks."""
+    success = success_of(rows, agent)
+    if success.size == 0:
         return ["-", "-"]
-    success = 100.0 * np.array([each[:count] for each in runs]).T
     low, high = bootstrap_interval(success)
     interval = f" ({low:.0f} to {high:.0f})" if low < high else ""
     return [f"{success.mean():.0f} %", f"{interquartile_mean(success):.0f} %{interval}"]
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the success of every run, against its processor time, a panel for each task."""
+    """Draw the success of every run against its processor time, and that over all tasks."""
     from matplotlib.figure import Figure
 
+    columns = -(-len(tried(rows)) // 2)
+    figure: Any = Figure(figsize=(3.25 * max(columns, 3), 9.0), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
+    draw_runs(rows, upper.subplots(2, columns, sharex=True, sharey=True, squeeze=False))
+    draw_overall(rows, lower.subplots(1, 3))
+    handles = upper.axes[0].get_legend_handles_labels()
+    upper.legend(*handles, loc="outside lower center", ncols=len(AGENTS) // 2)
+    figure.savefig(path, dpi=110)
+
+
+def draw_runs(rows: list[dict[str, Any]], panels: Any) -> None:
+    """Draw the success of every run, a panel for each task."""
     tasks = tried(rows)
-    columns = -(-len(tasks) // 2)
-    figure = Figure(figsize=(3.25 * max(columns, 3), 6.0), layout="constrained")
-    panels = figure.subplots(2, columns, sharex=True, sharey=True, squeeze=False)
     marks = dict(zip(("SHAC", "imitation", *TUNED), "o^sDv", strict=True))
     for axes in panels.T.ravel()[len(tasks) :]:
         axes.set_axis_off()
@@ -245,9 +261,31 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         axes.set_xlabel("processor time [s]")
     for axes in panels[:, 0]:
         axes.set_ylabel("success [%]")
-    handles = panels[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=len(AGENTS) // 2)
-    figure.savefig(path, dpi=110)
+
+
+def draw_overall(rows: list[dict[str, Any]], panels: Any) -> None:
+    """Draw means with 95 % intervals as rliable does, and which share of runs succeeds by when."""
+    for axes, (title, mean) in zip(panels, MEANS.items(), strict=False):
+        for k, agent in enumerate(AGENTS):
+            success = success_of(rows, agent)
+            if success.size:
+                low, high = bootstrap_interval(success, mean)
+                axes.barh(k, high - low, left=low, color=f"C{k}", alpha=0.5)
+                axes.plot([mean(success)] * 2, [k - 0.4, k + 0.4], color=f"C{k}", lw=2.5)
+        axes.set(title=title, xlabel="success [%]", xlim=(0.0, 103.0), ylim=(len(AGENTS), -1.0))
+        axes.set_yticks(range(len(AGENTS)), AGENTS if axes is panels[0] else [])
+    for k, agent in enumerate(AGENTS):
+        runs = [row for row in rows if row["agent"] == agent]
+        times = sorted(float(row["seconds"]) for row in runs if float(row["success"]) >= SOLVED)
+        share = 100.0 * np.arange(len(times) + 1) / max(1, len(runs))
+        style = "--" if agent.endswith("default") else "-"
+        panels[2].step(
+            [1.0, *times, BUDGET], [*share, share[-1]], style, where="post", color=f"C{k}"
+        )
+    panels[2].set(
+        title=f"runs with {100.0 * SOLVED:.0f} % success", xscale="log", xlim=(1.0, BUDGET),
+        xlabel="processor time [s]", ylabel="share of runs [%]", ylim=(-3.0, 103.0),
+    )  # fmt: skip
 
 
 def main() -> None:
