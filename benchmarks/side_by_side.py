@@ -283,7 +283,7 @@ def draw_overall(rows: list[dict[str, Any]], panels: Any) -> None:
             [1.0, *times, BUDGET], [*share, share[-1]], style, where="post", color=f"C{k}"
         )
     panels[2].set(
-        title=f"runs with {100.0 * SOLVED:.0f} % success", xscale="log", xlim=(1.0, BUDGET),
+        title=f"runs with {100.0 * SOLVED:.0f} % success", xscale="log", xlim=(1.0, 1000.0),
         xlabel="processor time [s]", ylabel="share of runs [%]", ylim=(-3.0, 103.0),
     )  # fmt: skip
 
