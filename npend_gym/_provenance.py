@@ -55,9 +55,9 @@ def machine(more: Sequence[str] = ()) -> str:
     """Return the versions of the package, its libraries and `more`, and the processor."""
     found = [f"{name} {_version(name)}" for name in (*_LIBRARIES, *more) if _version(name)]
     info = Path("/proc/cpuinfo")
-    if not info.exists():
+    text = info.read_text() if info.exists() else ""
+    _, known, rest = text.partition("model name\t: ")
+    if not known:  # another system, or ARM
         return ", ".join([*found, platform.machine(), platform.processor()])
-    text = info.read_text()
-    name = text.split("model name\t: ", 1)[-1].split("\n", 1)[0]
     widest = "AVX-512" if "avx512f" in text else "AVX2" if "avx2" in text else "SSE"
-    return ", ".join([*found, platform.machine(), name, widest])
+    return ", ".join([*found, platform.machine(), rest.partition("\n")[0], widest])

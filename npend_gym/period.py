@@ -83,7 +83,8 @@ def pseudo_periods(
     threads : int
         Threads that share the releases. No result depends on it.
     pivot_acceleration : array_like of shape (2,), optional
-        Constant acceleration of the pivot [m/s^2].
+        Constant acceleration of the pivot [m/s^2]. A bob is then released from the side of where
+        it hangs at rest.
 
     Returns
     -------
@@ -232,7 +233,10 @@ def _release(
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
     settings = {"rtol": rtol, "atol": 1e-2 * rtol}
     motion = pack_of(states, slice(0, lanes), settings, lanes)
-    record = new_record(innermost(per_rod), innermost(orientation(rods, theta, reading)))
+    # a chain swings about where it hangs, which an accelerated pivot tilts
+    across, along = (0.0, 0.0) if accelerated is None else np.asarray(accelerated).tolist()
+    tilt = math.atan2(-across, chain.gravity + along)
+    record = new_record(innermost(per_rod), innermost(orientation(rods, theta - tilt, reading)))
     threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, reading, rtol)
     scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
     return motion, Release(reading, threshold, record, scratch)

@@ -361,3 +361,13 @@ def test_an_ensemble_that_refuses_the_state_of_a_cart_stays_in_use(cart):
     with pytest.raises((TypeError, ValueError), match="cart must be"):
         many.set_state(0, 0.1, cart=cart)
     np.testing.assert_array_equal(many.theta, THETA)
+
+
+def test_a_member_that_has_diverged_stays_so_until_its_state_is_set():
+    members = Ensemble(Chain.uniform(2), size=2)
+    members.set_state([1], 0.0, 9e5)
+    for _ in range(3):
+        members.advance([[0.0], [1e30]], 0.05, 2, active=~members.diverged)
+        assert members.diverged.tolist() == [False, True]
+    members.set_state([1], 0.0, 0.0)
+    assert not members.diverged.any()

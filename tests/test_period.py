@@ -225,6 +225,17 @@ def test_a_pivot_that_accelerates_upwards_is_gravity(reading):
     np.testing.assert_allclose(falling, at_rest * np.sqrt(981.0), rtol=1e-8)
 
 
+@pytest.mark.parametrize("reading", ["bob", "link", "com"])
+def test_a_pivot_that_accelerates_sideways_tilts_where_a_chain_hangs(reading):
+    chain = Chain.uniform(2)
+    tilt = np.arctan2(1.0, chain.gravity)
+    felt = Chain.uniform(2, gravity=np.hypot(1.0, chain.gravity))
+    expected = pseudo_periods(felt, tilt, reading=reading)
+    for side in (-1.0, 1.0):
+        found = pseudo_periods(chain, 0.0, reading=reading, pivot_acceleration=(side, 0.0))
+        np.testing.assert_allclose(found, expected, rtol=1e-8 if reading == "link" else 1e-3)
+
+
 def test_lengths_and_gravity_scale_time():
     base = pseudo_periods(Chain.uniform(4), 0.6)
     scaled = pseudo_periods(Chain.uniform(4, mass=7.0, length=4.0), 0.6)

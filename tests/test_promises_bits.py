@@ -100,6 +100,15 @@ def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(
     np.testing.assert_array_equal(whole.omega, pieced.omega)
 
 
+def test_motions_beside_one_that_is_done_have_the_bits_of_motions_alone(monkeypatch, uneven):
+    monkeypatch.setattr(motion, "RODS_PER_PACK_CALL", 5 * 4 * WIDTH)
+    starts = np.repeat(np.linspace(0.0, 2.5, 6)[:, None], 4, axis=1)  # the first takes long steps
+    together = simulate(uneven, starts, 0.0, [0.0, 4.0])
+    alone = [simulate(uneven, start, 0.0, [0.0, 4.0]) for start in starts]
+    np.testing.assert_array_equal(together.theta, [each.theta for each in alone])
+    np.testing.assert_array_equal(together.omega, [each.omega for each in alone])
+
+
 def test_positions_and_energies_do_not_depend_on_numpys_sine(monkeypatch):
     path = simulate(Chain.uniform(3), 1.0, 0.0, [0.0, 0.5, 1.0])
     before = path.positions(), path.velocities(), path.energy()

@@ -141,6 +141,9 @@ def test_figures_show_every_release(runs):
     (legend,) = period_of_each_bob(many, run_release(many)).legends
     assert len(legend.get_texts()) == 3
     period_against_n(plan, several)
+    short = ReleaseExperiment(n_values=(1, 2), trials=1, lengths=0.02)  # 0.3 to 0.4 s
+    (axes,) = period_against_n(short, run_release(short)).axes
+    assert len([label for label in axes.get_yticklabels() if label.get_text()]) > 2
 
 
 @pytest.mark.parametrize("n", [1, 3])

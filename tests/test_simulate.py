@@ -228,3 +228,26 @@ def test_states_between_are_refused_where_a_function_returns_something_else_than
         path.at([1.0])
     gains["damping"] = 1.0
     np.testing.assert_allclose(path.at([2.0])[0][0], path.theta[-1], atol=1e-12)
+
+
+def test_instants_of_signals_may_be_as_near_as_rounding():
+    tenths, rounded = np.arange(11) / 10, np.arange(11) * 0.1
+    assert np.any(tenths != rounded)
+    chain = Chain.uniform(2, base=Cart(1.0))
+    torque, force = Signal(tenths, np.full((11, 2), 0.1)), Signal(rounded, np.ones(11))
+    found = simulate(chain, 0.1, 0.0, [0.0, 1.0], torque=torque, force=force)
+    expected = simulate(chain, 0.1, 0.0, [0.0, 1.0], torque=[0.1, 0.1], force=1.0)
+    np.testing.assert_allclose(found.theta, expected.theta, rtol=1e-7)
+    still = simulate(Chain.uniform(2), 1.0, 0.0, [1e6, 1e6 + 1e-9])
+    np.testing.assert_allclose(still.theta[1], 1.0, rtol=1e-12)
+
+
+def test_functions_are_called_within_the_motion_alone():
+    seen = []
+
+    def torque(t, theta, omega):  # noqa: ARG001
+        seen.append(t)
+        return 0.1
+
+    simulate(Chain.uniform(2), 1.0, 1.0, [0.0, 1e-3], torque=torque)
+    assert 0.0 == min(seen) < max(seen) <= 1e-3

@@ -124,7 +124,7 @@ class Motion:
     settings : mapping
         "rtol", "atol" and perhaps "dt", or "dt" alone, as `simulate` takes them.
     members : slice, optional
-        Which motions stand in the pack, for errors.
+        Which motions of the caller's stand in the pack, where errors shall name them.
     """
 
     def __init__(
@@ -226,7 +226,8 @@ class Motion:
         """Take at most `count` steps of DOP853."""
         (solver, _), status, n = run.lanes, run.status, self.mechanism.n
         longest, half = self.settings.get("dt", math.inf), solver.y.size // 2
-        starting = bool(solver.clock[2 * self.width] == 0.0)
+        # lanes that are done have no next step either
+        starting = not np.any(solver.clock[2 * self.width : 3 * self.width])
         with self.drives.interruptible():
             kernel = drive_one if self.width == 1 else drive_many
             kernel(run.lanes, observer, starting, end, longest, count, status)
@@ -303,4 +304,4 @@ def pack_of(
     state = innermost(np.hstack([states.q[lanes], states.u[lanes]]))
     loads = innermost(states.loads[lanes])
     drives = Drives(states.mechanism.n, loads, {}, loads.size)
-    return Motion(states.mechanism.of(lanes), state, drives, settings, members)
+    return Motion(states.mechanism.of(lanes), state, drives, settings)

@@ -136,7 +136,9 @@ class Start:
     def motion(self, members: slice, *, packed: bool) -> Motion:
         """Return some of the motions as a pack, where constants alone drive them, or one."""
         if packed:
-            return pack_of(self.states, members, self._settings)
+            motion = pack_of(self.states, members, self._settings)
+            motion.members = members
+            return motion
         k, states = members.start, self.states
         mechanism, state = states.mechanism.of(np.array([k])), np.hstack([states.q[k], states.u[k]])
         own, named = self.recipe.of_motion(k), None if self.is_one else members

@@ -128,7 +128,10 @@ class Trajectory:
 
     @property
     def nfev(self) -> Any:
-        """How often the equations were evaluated, as SciPy counts; (B,) for many motions."""
+        """How often the equations were evaluated, as SciPy counts; (B,) for many motions.
+
+        Two more evaluations, after each instant of a `Signal`, are not counted.
+        """
         taken, refused, dense = self._counted
         return 2 + _STAGES * taken + (_STAGES - 1) * refused + _DENSE * dense
 
@@ -204,7 +207,7 @@ class Trajectory:
     @_each_chain
     def lengths(self) -> FloatArray:
         """Return the lengths of the rods [m], shape (T, n)."""
-        return np.broadcast_to(self._rods.lengths, self.theta.shape).copy()
+        return np.where(np.isnan(self.theta), np.nan, self._rods.lengths)
 
     @_each_chain
     def positions(self) -> FloatArray:

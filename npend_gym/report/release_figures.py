@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from npend_gym import theory
 from npend_gym._checks import FloatArray
@@ -65,7 +66,8 @@ def _draw_models(axes: Any, experiment: ReleaseExperiment, n_values: Sequence[in
 def _plain_log_ticks(axes: Any) -> None:
     low, high = axes.get_ylim()
     ticks = [t for t in (0.5, 1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 50, 100, 200) if low <= t <= high]
-    mark_numbers(axes.yaxis, ticks)
+    few = MaxNLocator(5).tick_values(low, high)
+    mark_numbers(axes.yaxis, ticks if len(ticks) > 2 else [t for t in few if low <= t <= high])
 
 
 @styled

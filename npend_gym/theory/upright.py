@@ -33,8 +33,8 @@ class LeastAction:
     noise : float
         Largest standard deviation of the noise [rad], of a cart's position [m].
     feedback : ndarray, shape (2m,), with a lag (2m + 1,)
-        K of the command u = -K x; x is the estimate, predicted over the delay. The last entry is
-        that of the motor's output, in units of u.
+        K of the command u / limit = -K x; x is the estimate, predicted over the delay. The last
+        entry is that of the motor's output over the limit.
     estimator : ndarray, shape (2m, m), with a lag (2m + 1, m)
         L of the filter: it adds L (measured - expected) to the estimate.
     """

@@ -113,11 +113,12 @@ def _commit_step(numbers: FloatArray, g: int, group: Group, dt: float, scratch: 
     """Add up time and work; lanes that are not active, or have diverged, keep their last state."""
     theta, omega, size = group.theta, group.omega, group.theta.size
     step_theta, step_omega = scratch[Scratch.STEP_THETA], scratch[Scratch.STEP_OMEGA]
-    active, sound = numbers[Member.ACTIVE, g] > 0.0, numbers[Member.DIVERGED, g] == 0.0
+    active, diverged = numbers[Member.ACTIVE, g] > 0.0, numbers[Member.DIVERGED, g]
+    sound = diverged == 0.0
     for i in range(size):  # no comparison holds for NaN
         sound = sound & (abs(theta[i]) <= MAX_ANGLE) & (abs(omega[i]) <= MAX_SPEED)
     moves = active & sound
-    numbers[Member.DIVERGED, g] = where(active ^ moves, 1.0, 0.0)
+    numbers[Member.DIVERGED, g] = where(active ^ moves, 1.0, diverged)
     if any_of(where(moves, 0.0, 1.0) > 0.0):
         for i in range(size):
             theta[i] = where(moves, theta[i], step_theta[i])

@@ -87,8 +87,11 @@ def _scaled_norm(x: FloatArray, y: FloatArray, problem: Problem) -> float:
 
 
 @inner_kernel
-def start(solver: Solver, problem: Problem) -> None:
-    """Take the first derivative and choose the first step (Hairer et al., section II.4)."""
+def start(solver: Solver, problem: Problem, longest: float) -> None:
+    """Take the first derivative and choose the first step (Hairer et al., section II.4).
+
+    No function is called later than `longest` [s] after the start.
+    """
     y, k, poly, work = solver.y, solver.k, solver.poly, solver.work
     chain, torque, t = problem.chain, problem.torque, solver.clock[1]
     slope(t, y, torque, chain, work, k[STAGES])
@@ -96,6 +99,7 @@ def start(solver: Solver, problem: Problem) -> None:
     d1 = _scaled_norm(k[STAGES], y, problem)
     small = (d0 < 1e-5) | (d1 < 1e-5)
     h0 = where(small, 1e-6, 0.01 * d0 / where(small, 1.0, d1))
+    h0 = where(h0 < longest, h0, longest)
     for i in range(y.size):
         poly[0, i] = y[i] + h0 * k[STAGES, i]
     slope(t + h0, poly[0], torque, chain, work, k[0])
@@ -162,7 +166,8 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     root = _eighth_root(error)
     factor = where(root * largest <= _SAFETY, largest, _larger(_SAFETY / root, _MIN_FACTOR))
     factor = where(error >= 0.0, factor, _MIN_FACTOR)  # the error may be NaN
-    enough = h > _RESOLUTION * abs(t)
+    # two ends, such as instants of two signals, may be as near as rounding
+    enough = (h > _RESOLUTION * abs(t)) | ((h == rest) & (rest > 0.0))
     taken = enough & (error < 1.0)
     if any_of(taken):
         slope(t + h, y_new, torque, chain, work, k[STAGES])

@@ -186,7 +186,8 @@ def _drive(
     solver, problem = view(lanes)
     state, clock = view(status), solver.clock
     if starting:
-        start(solver, problem)
+        rest = t_end - clock[1]
+        start(solver, problem, where(rest < longest, rest, longest))
     while steps > 0:
         running = state[STATUS] == RUNNING
         if not any_of(running):
