@@ -294,7 +294,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/side_by_side"))
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
-    parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1, 2])
+    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(5)))
     parser.add_argument("--budget", type=float, default=BUDGET, help="s of processor time")
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
