@@ -142,6 +142,27 @@ def test_segments_of_a_chaotic_motion_stay_so_short_that_errors_are_known():
     assert result.held_out_rmse == pytest.approx(NOISE, rel=0.15)
 
 
+@pytest.mark.filterwarnings("ignore:theta reaches")
+def test_a_chain_that_turns_over_for_long_is_fitted():
+    true = Chain([1.0, 0.5], [0.5, 0.4], damping=0.002)
+    times = np.arange(0.0, 40.0, 0.01)
+    theta = simulate(true, [1.0, 1.5], [12.0, 14.0], times).theta
+    theta += NOISE * np.random.default_rng(0).normal(size=theta.shape)
+    fit = ["inertia", "lift", "damping"]
+    found = identify(times, theta, chain=Chain([1.0, 0.55], [0.5, 0.4]), fit=fit)
+    assert found.values == pytest.approx(0.775 / 0.75 * truth(found, true), rel=1e-3)  # by lift0
+    assert found.held_out_rmse == pytest.approx(NOISE, rel=0.1)
+
+
+@pytest.mark.filterwarnings("ignore:theta reaches")
+def test_turns_do_not_hide_that_a_chain_moves_otherwise_than_the_data():
+    times = np.arange(0.0, 10.0, 0.01)
+    theta = simulate(Chain.uniform(1), 0.0, 12.0, times).theta
+    theta += 0.3 * np.random.default_rng(0).normal(size=theta.shape)
+    with pytest.warns(UserWarning, match="by 0.31 rad where angles vary by 3.1 rad"):
+        identify(times, theta, chain=Chain.uniform(1), fit=["damping"])
+
+
 def test_a_chain_that_moves_otherwise_than_the_data_brings_a_warning():
     times = np.arange(0.0, 3.0, 0.02)
     theta = simulate(Chain.uniform(2), [0.8, 0.1], 0.0, times).theta
@@ -149,6 +170,7 @@ def test_a_chain_that_moves_otherwise_than_the_data_brings_a_warning():
         identify(times, theta[:, ::-1], chain=Chain.uniform(2), held_out=0.0)
 
 
+@pytest.mark.filterwarnings("ignore:the fitted chain", "ignore:the fit found")
 @pytest.mark.parametrize("n", [1, 2])
 def test_angles_from_upright_bring_a_warning_that_says_so(n):
     times = np.arange(0.0, 6.0, 0.01)
@@ -203,6 +225,16 @@ def test_torques_of_a_fast_recording_count_beside_a_longer_slow_one():
     assert found.values == pytest.approx(truth(found, true), rel=3e-3)
 
 
+@pytest.mark.parametrize("every", [0.1, 0.05])
+def test_torques_that_are_linear_between_far_rows_bias_no_value(every):
+    true, times = Chain([1.0], [0.8], damping=0.05), np.arange(0.0, 40.0, every)
+    torque = 2.0 * np.sin(2.0 * times)[:, None]
+    driven = simulate(true, 0.3, 0.0, times, torque=Signal(times, torque, "linear"))
+    fit = ["inertia", "lift", "damping"]
+    found = identify(times, driven.theta, torque, chain=Chain([1.0], [0.8]), fit=fit)
+    assert found.values == pytest.approx(truth(found, true), rel=2e-5)
+
+
 def test_a_swing_that_dies_out_long_before_the_end_is_fitted():
     true = Chain([1.0], [0.8], damping=0.8)
     times = np.arange(0.0, 30.0, 0.002)
@@ -221,6 +253,24 @@ def test_recordings_at_different_rates_are_all_fitted():
     assert {one["piece"] for one in found.segments} == {4, 7}
     assert np.all(np.isfinite(found.residuals))
     assert found.values == pytest.approx(truth(found, TRUE), rel=1e-4)
+
+
+def test_no_row_is_lost_where_a_recording_becomes_slower():
+    true = Chain([1.0], [0.8], damping=0.05)
+    times = np.r_[np.arange(0.0, 8.0, 0.01), np.arange(8.08, 40.0, 0.08)]
+    theta = simulate(true, 0.7, 0.0, times).theta
+    found = identify(times, theta, chain=true, fit=["inertia", "damping"], segment=1.0)
+    assert np.all(np.isfinite(found.residuals))
+    assert found.values == pytest.approx(truth(found, true), rel=1e-5)
+
+
+@pytest.mark.parametrize("centre", [-0.38 * 0.57 / 0.75, -0.28878])
+def test_a_chain_with_a_balanced_link_may_swing_as_it_does(centre):
+    """Rounding, or the last digit of a measured centre, leaves a lift of almost nothing."""
+    chain = Chain([0.75, 0.57], [0.38, 0.4], centres=[centre, 0.2], inertias=[0.02, 0.001])
+    times = np.arange(0.0, 6.0, 0.01)
+    theta = simulate(chain, [0.5, 1.0], 0.0, times).theta
+    assert prediction_rmse(times, theta, chain=chain) < 1e-4
 
 
 def test_the_inertia_of_a_balanced_rod_sets_the_scale_of_its_free_turning():
@@ -273,15 +323,19 @@ def test_a_chain_that_cannot_be_simulated_has_an_infinite_error(monkeypatch):
     assert math.isfinite(found.fitted_rmse)
     plain = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert plain["given_rmse"] is plain["held_out_rmse"] is None
+    lost = [one for one in found.segments if one["held_out"]]
+    assert [(one["rmse"], one["given_rmse"]) for one in lost] == [(math.inf, math.inf)]
     with pytest.warns(UserWarning, match="held_out leaves out nothing: there is one segment"):
         alone = identify(times[:90], theta[:90], chain=TRUE, fit=["inertia"])
     assert math.isnan(alone.given_rmse)
 
 
-def test_numpy_scalars_are_arguments_and_ready_for_json():
+def test_numpy_scalars_and_iterators_are_arguments_and_ready_for_json():
     times, theta, piece = recorded(TRUE, 4)
-    found = identify(times, theta, piece=piece, chain=KNOWN, fit=["inertia"], segment=np.int64(1))
-    assert json.loads(json.dumps(found.as_dict()))["provenance"]["arguments"]["segment"] == 1.0
+    given = {"piece": piece, "chain": KNOWN, "fit": iter(["inertia"]), "segment": np.int64(1)}
+    found = identify(times, theta, **given)
+    arguments = json.loads(json.dumps(found.as_dict()))["provenance"]["arguments"]
+    assert (arguments["fit"], arguments["segment"]) == (["inertia"], 1.0)
 
 
 def test_the_armature_of_a_geared_motor_and_the_zero_of_encoders_are_found():
@@ -449,6 +503,7 @@ def test_the_solver_finds_what_scipys_least_squares_finds():
     ("changes", "message"),
     [
         ({"times": "abc"}, "times must"),
+        ({"times": math.nan}, "times must be finite, got nan in row 0"),
         ({"theta": np.zeros((39, 2))}, r"theta must have a row for each of the 40 instants"),
         ({"theta": np.full((40, 2), np.nan)}, r"theta must be finite.*gaps are allowed"),
         ({"theta": np.zeros((40, 2))}, "theta must move"),

@@ -293,6 +293,22 @@ def test_the_period_of_a_swing_does_not_depend_on_resolution_noise_or_its_end(
     assert found == pytest.approx(theory.pendulum_period(amplitude, 0.8), rel=within)
 
 
+def test_the_period_of_a_link_that_turns_over_does_not_grow_with_the_recording():
+    for duration in (30.0, 40.0):
+        times = np.arange(0.0, duration, 0.05)
+        assert check_motion(times, 0.6 * times).period() == pytest.approx(2.0 * np.pi**2 / 0.6)
+
+
+def test_a_recording_that_becomes_slower_is_cut_into_parts_of_twenty_rows_or_more():
+    times = np.r_[np.arange(0.0, 8.0, 0.01), np.arange(8.08, 40.0, 0.08)]
+    motion = check_motion(times, np.sin(3.0 * times))
+    parts = motion.cut(motion.stretches(), 1.0)
+    assert [0, *(rows.stop for rows in parts)] == [*(rows.start for rows in parts), times.size]
+    assert min(rows.stop - rows.start for rows in parts) >= 20
+    even = check_motion(times[:800], np.sin(3.0 * times[:800]))
+    assert [rows.stop for rows in even.cut(even.stretches(), 1.0)] == [*range(100, 801, 100)]
+
+
 def test_a_slow_recording_beside_a_fast_one_is_used_and_a_short_one_is_reported():
     fast, slow = np.arange(0.0, 2.0, 0.002), np.arange(0.0, 9.0, 0.05)
     times, piece = np.r_[fast, slow], np.repeat([0, 3], [fast.size, slow.size])

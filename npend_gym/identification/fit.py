@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym._checks import BoolArray
+from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain, check_hung
 from npend_gym.identification.motion import MIN_ROWS, Motion, check_motion
@@ -179,6 +179,7 @@ class Problem:
             raise ValueError(
                 f"chain must have a link for each of {motion.links} angles, got {known.n}"
             )
+        fit = None if fit is None else _checks.listed("fit", fit, '["damping"]')
         self.held_out: float = _checks.nonnegative_number("held_out", held_out)
         if self.held_out > 0.5:
             raise ValueError(f"held_out must be a share between 0 and 0.5, got {held_out}")
@@ -196,7 +197,7 @@ class Problem:
         self.provenance: dict[str, Any] = provenance(
             {
                 "chain": known.as_dict(),
-                "fit": None if fit is None else list(fit),
+                "fit": fit,
                 "segment": segment,
                 "held_out": self.held_out,
                 "rows": motion.times.size,
@@ -228,13 +229,16 @@ class Problem:
         judged = motion.cut([blocks[k] for k in held], duration)
         own = stages.judge(values, judged) if judged else None
         given = stages.judge(model.known, judged, _MANY) if judged else None
+        lost, unknown = np.full(len(judged), math.inf), np.full(len(fitted.rows), math.nan)
+        segments = _describe(motion, fitted.rows, fitted.errors, unknown, held_out=False)
+        errors_of = [lost if fit is None else fit.errors for fit in (own, given)]
+        segments += _describe(motion, judged, *errors_of, held_out=True)
         held_out = np.zeros(motion.times.size, np.bool_)
         for rows in judged:
             held_out[rows] = True
-        residuals, segments = np.full_like(motion.theta, np.nan), list[dict[str, Any]]()
-        for fit, other in ((fitted, None), (own, given)):
+        residuals = np.full_like(motion.theta, np.nan)
+        for fit in (fitted, own):
             if fit is not None:
-                segments += _describe(motion, fit, other, held_out)
                 residuals[np.r_[tuple(fit.rows)]] = fit.residuals
         scatter = max(fitted.scatter, own.scatter if own else 0.0)
         found = fitted.solution.fitted
@@ -275,7 +279,8 @@ class Problem:
     def _warn(self, fitted: Fit, duration: float, training: Sequence[slice]) -> None:
         """Warn if the fitted chain moves otherwise than the data; see `warn_of_other_angles`."""
         motion = self.stages.motion
-        moved = float(np.std(motion.theta[np.r_[tuple(training)]]))
+        spreads = [np.std(motion.theta[rows], axis=0) for rows in motion.stretches()]
+        moved = float(np.sqrt(np.mean(np.minimum(spreads, np.pi) ** 2)))  # turns are no deviation
         possible = max(float(np.ptp(motion.times[rows])) for rows in training)
         poor = fitted.scatter > _POOR * moved
         if poor or duration < _SHORT * possible:
@@ -298,20 +303,17 @@ def _hold_out(count: int, share: float) -> list[int]:
 
 
 def _describe(
-    motion: Motion, fit: Fit, given: Fit | None, held_out: BoolArray
+    motion: Motion, segments: list[slice], errors: FloatArray, given: FloatArray, *, held_out: bool
 ) -> list[dict[str, Any]]:
-    """Return what `Identification.segments` says of the segments of a fit."""
-    errors = fit.errors.tolist()
-    none = [math.inf if held_out[rows.start] else math.nan for rows in fit.rows]
-    others = none if given is None else given.errors.tolist()
+    """Return what `Identification.segments` says of these, with the errors of two chains."""
     return [
         {
             "piece": int(motion.piece[rows.start]),
             "start": float(motion.times[rows.start]),
             "end": float(motion.times[rows.stop - 1]),
-            "held_out": bool(held_out[rows.start]),
+            "held_out": held_out,
             "rmse": error,
             "given_rmse": other,
         }
-        for rows, error, other in zip(fit.rows, errors, others, strict=True)
+        for rows, error, other in zip(segments, errors.tolist(), given.tolist(), strict=True)
     ]

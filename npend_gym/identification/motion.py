@@ -20,6 +20,7 @@ MAX_ROWS = 2_000_000
 _GAP = 10.0  # times the median interval: the rows after a longer one begin a new stretch
 _AT_REST = 0.25  # times the mean deviation in the other half of the rows: less is no motion
 _STEADY = 0.25  # of the speed: a larger change of it is noise, or the rows are too far apart
+_MOST = math.pi  # rad, of a deviation: those of a link that turns over grow with the recording
 _LIKELY = 8.0 * math.pi  # rad; larger angles are likely to be degrees
 
 
@@ -85,21 +86,25 @@ class Motion:
             parts = max(1, min(parts, times.size // MIN_ROWS))
             shares = [float(times[-1]) * k / parts for k in range(1, parts)]
             inner = [rows.start + int(row) for row in np.searchsorted(times, shares)]
-            out += _between([rows.start, *inner, rows.stop])
+            edges = [rows.start]
+            for edge in inner:
+                if edge - edges[-1] >= MIN_ROWS and rows.stop - edge >= MIN_ROWS:
+                    edges.append(edge)
+            out += _between([*edges, rows.stop])
         return out
 
-    def period(self, most: float = math.inf) -> float:
+    def period(self) -> float:
         """Return 2 pi times the median deviation of the angles over the median speed [s].
 
         It is the period of a swing that is a sine, in the part of each stretch in which the angle
-        moves. Deviations above `most` [rad] count as that.
+        moves. Deviations above pi count as pi: they are those of links that turn over.
         """
         periods: list[float] = []
         for rows, link in product(self.stretches(), range(self.links)):
             times, theta = _moving(self.times[rows], self.theta[rows, link])
             speed, away = _speed(times, theta), float(np.median(_deviations(theta)))
             if speed > 0.0 and away > 0.0:
-                periods.append(2.0 * np.pi * min(away, most) / speed)
+                periods.append(2.0 * np.pi * min(away, _MOST) / speed)
         if not periods:
             raise ValueError("theta must move, but each measured angle is at rest most of the time")
         return float(np.median(periods))
@@ -210,7 +215,7 @@ def check_motion(
 
 
 def _finite(name: str, value: ArrayLike) -> FloatArray:
-    raw = np.asarray(value)
+    raw = np.atleast_1d(np.asarray(value))
     if raw.dtype.kind == "f" and not np.all(np.isfinite(raw)):
         row = int(np.argwhere(~np.isfinite(raw))[0][0])
         raise ValueError(

@@ -230,14 +230,14 @@ def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
     return masses(low)
 
 
-def weighs(chain: Chain) -> bool:
-    """Return whether the lift of link 0 sets the scale of free swings: it is not zero, nor gravity.
+def weighs(chain: Chain) -> BoolArray:
+    """Return which links gravity turns, shape (n,): neither it nor their lift is zero.
 
-    That of a balanced rod, or a flywheel, is zero but for rounding.
+    The lift of a balanced rod, or a flywheel, is zero but for rounding. That of link 0 sets the
+    scale of free swings, if it is not zero.
     """
     levers = np.abs(chain.centres).sum() + chain.lengths.sum()
-    heavy = abs(chain.lift[0]) > _LEAST * levers * chain.masses.sum()
-    return bool(chain.gravity > 0.0 and heavy)
+    return chain.gravity * np.abs(chain.lift) > chain.gravity * _LEAST * levers * chain.masses.sum()
 
 
 def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model:
@@ -256,7 +256,7 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model
     free[ARMATURE, 0] &= not free[INERTIA, 0]
     if chain.gravity == 0.0:
         free[OFFSET] = free[LENGTH] = free[LIFT, 0] = False
-    if not weighs(chain):
+    if not weighs(chain)[0]:
         free[[INERTIA, ARMATURE], 0] &= driven
     free[LIFT, 0] &= driven
     free[LENGTH, -1] = False

@@ -12,7 +12,7 @@ import numpy as np
 
 from npend_gym.chain import Chain
 from npend_gym.identification.motion import Motion
-from npend_gym.identification.parameters import INERTIA, LIFT, Model, values_of
+from npend_gym.identification.parameters import INERTIA, LIFT, Model, values_of, weighs
 from npend_gym.identification.stages import Fit, Stages
 
 _UNLIKELY, _IMPOSSIBLE = 10.0, 100.0  # times the expected period: milliseconds give 1000
@@ -36,11 +36,11 @@ def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
     Motors may move a chain as slowly as they like. So a `driven` chain can only be too fast. A
     factor above 10 is warned of; one above 100 is an error: times in milliseconds, for example.
     """
-    values, measured = values_of(chain), motion.period(most=np.pi)
-    lift = chain.gravity * np.abs(values[LIFT])
-    if not np.all(lift > 0.0):  # nothing makes such a link swing
+    values, measured = values_of(chain), motion.period()
+    if not np.all(weighs(chain)):  # nothing makes such a link swing
         return
-    expected = 2.0 * np.pi * float(np.median(np.sqrt(values[INERTIA] / lift)))
+    periods = 2.0 * np.pi * np.sqrt(values[INERTIA] / (chain.gravity * np.abs(values[LIFT])))
+    expected = float(np.clip(measured, periods.min(), periods.max()))  # a balanced link is slow
     factor = measured / expected
     if factor >= 1.0 / _UNLIKELY and (driven or factor <= _UNLIKELY):
         return

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
@@ -70,11 +69,9 @@ class Shooting:
             for k, each in enumerate(self.rows):
                 at = np.append(self._times[k, : counts[k]], edges[-1] + 1.0)
                 torque = motion.torque[[*range(each.start, each.stop), each.stop - 1]]
-                impulse = cumulative_trapezoid(torque, at, axis=0, initial=0)
-                for joint in self._joints:
-                    reached = np.interp(edges, at, impulse[:, joint])
-                    reached[1:-1] -= np.diff(reached, 2) / 12.0
-                    self._torque[:, k, joint] = np.diff(reached) / self._step
+                impulse = make_interp_spline(at, torque, k=1).antiderivative()(edges)
+                impulse[1:-1] -= np.diff(impulse, 2, axis=0) / 12.0
+                self._torque[:, k] = np.diff(impulse, axis=0) / self._step
 
     def _side_by_side(self, values: FloatArray) -> FloatArray:
         """Return the rows of the segments, (S, M, ...), of values of the whole motion."""
