@@ -50,19 +50,6 @@ _ANGLES = {
 _ENTRY = re.compile(r"^([\w*, ]+?) : (.+)\n((?: {4}.*\n|\n)+)", re.MULTILINE)
 
 
-class _Settings(argparse.Action):
-    """An option that may be repeated, each time with another name."""
-
-    def __call__(self, _: Any, namespace: Any, given: Any, __: str | None = None) -> None:
-        """Append a name and its value to those before."""
-        pairs = [*getattr(namespace, self.dest, ()), given]
-        try:
-            values.once(pairs)
-        except argparse.ArgumentTypeError as error:
-            raise argparse.ArgumentError(self, str(error)) from error
-        setattr(namespace, self.dest, pairs)
-
-
 class _Parameter(NamedTuple):
     """A parameter of a function, or a field of a class."""
 
@@ -115,7 +102,7 @@ def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
         word = (unit[1].replace(" ", "") if unit else noun).upper()
         about["metavar"] = placeholder.replace("X", word)
     if about.get("type") is values.setting:
-        about["action"] = _Settings
+        about["action"] = "append"
     if by_keyword:
         short = [_SHORT[option]] if option in _SHORT else []
         parser.add_argument(*short, option, dest=name, required=default is None, **about)

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -84,16 +84,9 @@ def columns(text: str) -> dict[str, str]:
     pairs = [pair.partition("=") for pair in text.split(",")]
     if not all(name and sign and column for name, sign, column in pairs):
         raise argparse.ArgumentTypeError(f"must be like time=t,theta0=q1, got {text!r}")
-    return once((name.strip(), column.strip()) for name, _, column in pairs)
-
-
-def once(pairs: Iterable[tuple[str, _T]]) -> dict[str, _T]:
-    """Return names and values as a dict; refuse a name that is there twice."""
-    found: dict[str, _T] = {}
-    for name, value in pairs:
-        if name in found:
-            raise argparse.ArgumentTypeError(f"names {name!r} twice; give it once")
-        found[name] = value
+    found = {name.strip(): column.strip() for name, _, column in pairs}
+    if len(found) < len(pairs):
+        raise argparse.ArgumentTypeError(f"must name each column of ours once, got {text!r}")
     return found
 
 
