@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import npend_gym  # noqa: F401 - registers the environments
+import npend_gym
 from npend_gym import Chain
 from npend_gym.envs import SwingUp
 from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery
@@ -317,3 +317,13 @@ def test_judges_choose_for_themselves_how_environments_are_run():
     chosen = policy.env | {"autoreset_mode": "SAME_STEP", "num_envs": 3}
     assert evaluate(policy, chosen, episodes=5).success_rate == 1.0
     assert performance(policy, chosen, episodes=2).success.all()
+
+
+def test_environments_are_closed_after_an_error_of_the_controller(monkeypatch):
+    closed = []
+    monkeypatch.setattr(
+        npend_gym.NPendulumVectorEnv, "close_extras", lambda *_, **__: closed.append(1)
+    )
+    with pytest.raises(ZeroDivisionError) as held:  # its frames keep the environments
+        performance(lambda *_: 1 / 0, {"n": 1, "mode": "balance"}, episodes=2)
+    assert closed, held

@@ -684,3 +684,13 @@ def test_the_velocity_of_a_moved_pivot_is_a_pair_for_all_motions_or_one_for_each
     assert first(np.arange(6.0).reshape(3, 2)) == [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]
     with pytest.raises(ValueError, match=r"number or two \(sideways and up\), or .*\(3, 2\), got"):
         first([1.0, 2.0, 3.0])
+
+
+def test_lengths_and_positions_end_with_each_of_the_motions():
+    starts = [[1.0, 1.0], [0.0, 0.0]]  # only the first reaches the angle
+    event = Event("angle", rod=0, terminal=True)
+    motions = simulate(DOUBLE, starts, 0.0, [0.0, 5.0, 10.0], events=event)
+    ended = np.isnan(motions.positions()[..., 0])
+    assert ended.any()
+    assert not ended.all()
+    np.testing.assert_array_equal(np.isnan(motions.lengths()), ended)
