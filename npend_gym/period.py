@@ -27,7 +27,7 @@ from npend_gym.physics.kernels.turning_points import (
     new_record,
     speed_threshold,
 )
-from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
+from npend_gym.physics.mechanism import hanging_angle, in_frame_of_pivot, mechanism_of
 from npend_gym.physics.motion import Motion, pack_of, packs_of
 
 CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
@@ -233,10 +233,8 @@ def _release(
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
     settings = {"rtol": rtol, "atol": 1e-2 * rtol}
     motion = pack_of(states, slice(0, lanes), settings, lanes)
-    # a chain swings about where it hangs, which an accelerated pivot tilts
-    across, along = (0.0, 0.0) if accelerated is None else np.asarray(accelerated).tolist()
-    tilt = math.atan2(-across, chain.gravity + along)
-    record = new_record(innermost(per_rod), innermost(orientation(rods, theta - tilt, reading)))
+    sides = orientation(rods, theta - hanging_angle(chain, accelerated), reading)
+    record = new_record(innermost(per_rod), innermost(sides))
     threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, reading, rtol)
     scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
     return motion, Release(reading, threshold, record, scratch)

@@ -37,7 +37,7 @@ COMMANDS = (
     "release", "simulate", "play", "campaign", "analyse", "chaos", "identify", "train", "evaluate",
     "export", "examples", "verify",
 )  # fmt: skip
-OF_CHAIN = "lengths", "masses", "centres", "gravity", "damping"  # options that --chain replaces
+_REPLACED = "lengths", "masses", "centres", "gravity", "damping"  # by --chain
 _EXAMPLES = """\
 examples:
   npend release                        the paper's experiment as a table
@@ -75,7 +75,7 @@ class _Command(Parser):
         options, unknown = super().parse_known_args(args, *more, **named)
         if unknown:
             self.refuse(unknown, args)
-        if "chain" in options and (extra := [name for name in OF_CHAIN if name in options]):
+        if "chain" in options and (extra := [name for name in _REPLACED if name in options]):
             self.error(f"--{extra[0]} must be left out with --chain, which has its own")
         return options, unknown
 

@@ -160,7 +160,7 @@ def chosen(
         task = task or _TASK
         refuse_said(env, ("n", "mode"), f"--task {task}")
         keywords = {**env_of_task(task), **env}
-        setting_of(keywords).make(1).close()  # checks all keywords
+        _ = setting_of(keywords).config  # checks all keywords
         made = reference_controller(controller, keywords, progress("plan"))
         return f"{controller} in {task}", made, keywords
     if task is not None:

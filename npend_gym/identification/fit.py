@@ -14,7 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain, check_hung
-from npend_gym.identification.motion import MIN_ROWS, Motion, check_motion
+from npend_gym.identification.motion import MAX_DEVIATION, MIN_ROWS, Motion, check_motion
 from npend_gym.identification.parameters import OFFSET, new_model
 from npend_gym.identification.plausibility import check_units, warn_of_other_angles, warn_of_values
 from npend_gym.identification.result import Identification
@@ -280,7 +280,7 @@ class Problem:
         """Warn if the fitted chain moves otherwise than the data; see `warn_of_other_angles`."""
         motion = self.stages.motion
         spreads = [np.std(motion.theta[rows], axis=0) for rows in motion.stretches()]
-        moved = float(np.sqrt(np.mean(np.minimum(spreads, np.pi) ** 2)))  # turns are no deviation
+        moved = float(np.sqrt(np.mean(np.minimum(spreads, MAX_DEVIATION) ** 2)))
         possible = max(float(np.ptp(motion.times[rows])) for rows in training)
         poor = fitted.scatter > _POOR * moved
         if poor or duration < _SHORT * possible:

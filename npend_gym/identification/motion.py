@@ -20,7 +20,7 @@ MAX_ROWS = 2_000_000
 _GAP = 10.0  # times the median interval: the rows after a longer one begin a new stretch
 _AT_REST = 0.25  # times the mean deviation in the other half of the rows: less is no motion
 _STEADY = 0.25  # of the speed: a larger change of it is noise, or the rows are too far apart
-_MOST = math.pi  # rad, of a deviation: those of a link that turns over grow with the recording
+MAX_DEVIATION = math.pi  # rad; those of a link that turns over grow with the recording
 _LIKELY = 8.0 * math.pi  # rad; larger angles are likely to be degrees
 
 
@@ -104,7 +104,7 @@ class Motion:
             times, theta = _moving(self.times[rows], self.theta[rows, link])
             speed, away = _speed(times, theta), float(np.median(_deviations(theta)))
             if speed > 0.0 and away > 0.0:
-                periods.append(2.0 * np.pi * min(away, _MOST) / speed)
+                periods.append(2.0 * np.pi * min(away, MAX_DEVIATION) / speed)
         if not periods:
             raise ValueError("theta must move, but each measured angle is at rest most of the time")
         return float(np.median(periods))

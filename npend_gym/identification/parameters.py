@@ -249,7 +249,7 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model
     tells an offset, and no torque a length.
     """
     default = DEFAULT_FIT + ("armature",) * driven
-    names = _checks.listed("fit", default if fit is None else fit, '["damping"]')
+    names = default if fit is None else fit
     free = np.zeros((len(QUANTITIES), chain.n), np.bool_)
     for name in names:
         free[QUANTITIES.index(_checks.choice("fit", name, QUANTITIES))] = True

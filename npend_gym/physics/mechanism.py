@@ -168,8 +168,23 @@ def in_frame_of_pivot(chain: Chain, acceleration: Any) -> Chain:
     pair = _checks.array("pivot_acceleration", acceleration)
     if pair.shape != (2,):
         return chain
-    felt = math.hypot(pair[0], chain.gravity + pair[1])
-    return Chain.from_dict(chain.as_dict() | {"gravity": felt})
+    return Chain.from_dict(chain.as_dict() | {"gravity": math.hypot(*_felt(chain, pair))})
+
+
+def hanging_angle(chain: Chain, acceleration: ArrayLike | None) -> float:
+    """Return the angle at which a chain hangs under a constant `acceleration` of its pivot [rad].
+
+    See `in_frame_of_pivot`.
+    """
+    if acceleration is None:
+        return 0.0
+    across, down = _felt(chain, np.asarray(acceleration))
+    return math.atan2(across, down)
+
+
+def _felt(chain: Chain, acceleration: FloatArray) -> tuple[float, float]:
+    """Return the gravity that is felt [m/s^2], to the right and down."""
+    return -float(acceleration[0]), chain.gravity + float(acceleration[1])
 
 
 def check_axial_start(

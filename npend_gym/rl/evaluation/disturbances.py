@@ -63,9 +63,9 @@ class DisturbedEnvs:
         self._joints = behind.joints[behind.joints < config.n]
         self._of_joints = behind.joints < config.n
         self._columns = slice(config.joints.size)  # the controller's motors are the first
-        behind_it = behind.action_limits[self._columns]
-        # no force on a cart remains none
-        self._ratio = config.action_limits / np.where(behind_it > 0.0, behind_it, 1.0)
+        limits = behind.action_limits[self._columns]
+        # a cart without force stays without
+        self._ratio = config.action_limits / np.where(limits > 0.0, limits, 1.0)
         self._limit = behind.max_torque
         self._step, self._info = 0, dict[str, Any]()
 
