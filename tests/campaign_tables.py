@@ -18,8 +18,8 @@ def completed(plan, out, **workers):
 
 
 def digests(plan, out):
-    """Return the digests of the tables of a campaign."""
-    return [table_digest(out, name, plan.tasks()) for name in TABLES]
+    """Return a SHA-256 of each table of a campaign, however it is divided into parts."""
+    return [table_digest(read_table(out, name, plan.tasks())) for name in TABLES]
 
 
 def part_of(out, table, task):
@@ -38,16 +38,11 @@ def read_table(out, table, tasks):
     return pa.concat_tables([read_part(part_of(out, table, task)) for task in tasks])
 
 
-def table_digest(out, table, tasks):
-    """Return a SHA-256 of the sorted table, however it is divided into parts."""
-    digests = {}
-    for task in tasks:
-        part = read_part(part_of(out, table, task))
-        for name, column in zip(part.column_names, part.columns, strict=True):
-            for what, values in (("null", column.is_null()), ("value", column.fill_null(0))):
-                digest = digests.setdefault(f"{name} {what}", hashlib.sha256(name.encode()))
-                digest.update(np.asarray(values).tobytes())
-    joined = hashlib.sha256()
-    for digest in digests.values():
-        joined.update(digest.digest())
-    return joined.hexdigest()
+def table_digest(table):
+    """Return a SHA-256 of the names, nulls and values of all columns."""
+    digest = hashlib.sha256()
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        digest.update(name.encode())
+        for values in (column.is_null(), column.fill_null(0)):
+            digest.update(np.asarray(values).tobytes())
+    return digest.hexdigest()

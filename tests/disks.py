@@ -7,7 +7,6 @@ import errno
 import io
 import os
 import random
-from collections.abc import Iterator
 from pathlib import Path
 
 from npend_gym import _files
@@ -199,8 +198,6 @@ def _left(safe: bytes, whole: bytes, loss: str, rng: random.Random) -> bytes:
     return safe + rest[: rng.randint(0, len(rest))] if loss == "some" else safe
 
 
-def chosen(total: int, part: int) -> Iterator[int]:
-    """Yield every number below `total` whose remainder by `part` is 0, and the last."""
-    yield from range(0, total, part)
-    if (total - 1) % part:
-        yield total - 1
+def chosen(total: int, part: int) -> list[int]:
+    """Return every number below `total` whose remainder by `part` is 0, and the last."""
+    return sorted({*range(0, total, part), total - 1})

@@ -6,7 +6,6 @@ docs/reference/env_composition.md.
 
 from __future__ import annotations
 
-import functools
 import warnings
 from typing import Any
 
@@ -55,16 +54,6 @@ COLUMNS: dict[str, Keywords] = {
 
 def _vector(keywords: Keywords, lanes: int = LANES, **more: Any) -> Any:
     return gym.make_vec("NPendulum-v0", num_envs=lanes, **keywords | more)
-
-
-@functools.cache
-def _config(column: int) -> EnvConfig:
-    env = gym.make("NPendulum-v0", **list(COLUMNS.values())[column])
-    return env.unwrapped.config
-
-
-def _config_of(keywords: Keywords) -> EnvConfig:
-    return _config(list(COLUMNS.values()).index(keywords))
 
 
 def _single(keywords: Keywords) -> None:
@@ -207,19 +196,22 @@ def _goal(keywords: Keywords) -> float:
     return 0.0 if keywords["mode"] == "calm" else np.pi
 
 
+def _released(keywords: Keywords, theta: Any) -> tuple[tuple[Any, Any, Any], ...]:
+    """Return a single environment and two lanes, with what each shows at the same start."""
+    starts = [(gym.make("NPendulum-v0", **keywords), theta)]
+    starts += [(_vector(keywords, 2), np.tile(theta, (2, 1)))]
+    return tuple(
+        (env, *env.reset(seed=0, options={"theta": angles, "omega": 0.0})) for env, angles in starts
+    )
+
+
 def _holds(keywords: Keywords, controller: Any, seconds: float = 1.0) -> None:
     """A single environment and many hold the chain near its goal, with the same actions."""
-    goal, config = _goal(keywords), _config_of(keywords)
-    start = {"theta": np.full(config.n, goal + 0.01), "omega": np.zeros(config.n)}
-    env = gym.make("NPendulum-v0", **keywords)
-    observation, info = env.reset(seed=0, options=start)
-    alone = np.asarray(controller(observation, info))
+    goal, config = _goal(keywords), EnvConfig(**keywords)
+    (_, *shown), (envs, observation, info) = _released(keywords, np.full(config.n, goal + 0.01))
+    alone = np.asarray(controller(*shown))
     if hasattr(controller, "reset"):
         controller.reset(2)
-    envs = _vector(keywords, 2)
-    observation, info = envs.reset(
-        seed=0, options={k: np.tile(value, (2, 1)) for k, value in start.items()}
-    )
     np.testing.assert_allclose(np.asarray(controller(observation, info))[0], alone, atol=1e-9)
     if hasattr(controller, "reset"):
         controller.reset(2)
@@ -233,16 +225,14 @@ def _holds(keywords: Keywords, controller: Any, seconds: float = 1.0) -> None:
 
 
 def _lqr(keywords: Keywords) -> None:
-    _holds(keywords, rl.lqr(_config_of(keywords), _goal(keywords)))
+    _holds(keywords, rl.lqr(EnvConfig(**keywords), _goal(keywords)))
 
 
 def _mpc(keywords: Keywords) -> None:
-    _holds(keywords, rl.MPC(_config_of(keywords), _goal(keywords), horizon=0.8), 0.5)
+    _holds(keywords, rl.MPC(EnvConfig(**keywords), _goal(keywords), horizon=0.8), 0.5)
 
 
-@functools.cache
-def _plan(column: int) -> Any:
-    config = _config(column)
+def _plan(config: EnvConfig) -> Any:
     if config.mode.name == "calm":
         stands = np.full(config.n, np.pi)
         return rl.planned_transition(config, stands, stands - np.pi, 15.0, guess="waves")
@@ -253,23 +243,12 @@ def _plan(column: int) -> Any:
 
 def _planner(keywords: Keywords) -> None:
     """A plan leads to its goal in the environment's own steps, and a start near it is held."""
-    plan = _plan(list(COLUMNS.values()).index(keywords))
-    config = _config_of(keywords)
-    end = plan.nominal.states[-1, : config.n]
-    assert np.abs(np.cos(end) - np.cos(_goal(keywords))).max() < 0.01
-    _holds_plan(keywords, plan, config)
-
-
-def _holds_plan(keywords: Keywords, plan: Any, config: EnvConfig) -> None:
-    """A single environment and many take the plan's first actions alike."""
-    states = plan.nominal.states[0]
-    start = {"theta": states[: config.n], "omega": np.zeros(config.n)}
-    env, envs = gym.make("NPendulum-v0", **keywords), _vector(keywords, 2)
-    observation, info = env.reset(seed=0, options=start)
-    observations, infos = envs.reset(
-        seed=0, options={k: np.tile(value, (2, 1)) for k, value in start.items()}
-    )
-    for _ in range(3):
+    config = EnvConfig(**keywords)
+    plan = _plan(config)
+    angles = plan.nominal.states[:, : config.n]
+    assert np.abs(np.cos(angles[-1]) - np.cos(_goal(keywords))).max() < 0.01
+    (env, observation, info), (envs, observations, infos) = _released(keywords, angles[0])
+    for _ in range(3):  # of the plan's actions, which both take alike
         action, actions = plan(observation, info), plan(observations, infos)
         np.testing.assert_allclose(actions[0], action, atol=1e-9)
         if len(config.action_table) == 0:
@@ -278,7 +257,7 @@ def _holds_plan(keywords: Keywords, plan: Any, config: EnvConfig) -> None:
         observations, _, _, _, infos = envs.step(actions)
         if terminated:  # a plan begins where "balance" ends
             return
-    assert np.abs(info["theta"] - plan.nominal.states[3, : config.n]).max() < 0.3
+    assert np.abs(info["theta"] - angles[3]).max() < 0.3
 
 
 def _evaluate(keywords: Keywords) -> None:
@@ -287,7 +266,7 @@ def _evaluate(keywords: Keywords) -> None:
     found = rl.evaluate(_sb3(keywords), short, episodes=3)
     assert found.returns.shape == (3,)
     assert np.isfinite(found.returns).all()
-    held = rl.evaluate(rl.lqr(_config_of(keywords), _goal(keywords)), short, episodes=3)
+    held = rl.evaluate(rl.lqr(EnvConfig(**keywords), _goal(keywords)), short, episodes=3)
     assert np.isfinite(held.returns).all()
 
 
@@ -296,7 +275,7 @@ def _robustness(keywords: Keywords) -> None:
     found = rl.robustness(model, keywords, values=2, repetitions=1, seconds=0.3)
     assert found.outcomes
     assert 0.0 <= found.score <= 1.0
-    controller = rl.lqr(_config_of(keywords), _goal(keywords))
+    controller = rl.lqr(EnvConfig(**keywords), _goal(keywords))
     held = rl.robustness(controller, keywords, values=2, repetitions=1, seconds=0.3)
     assert set(held.outcomes) == set(found.outcomes)
 

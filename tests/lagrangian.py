@@ -108,5 +108,15 @@ def all_accelerations(values, q, u, loads, base=None):
     return np.concatenate([found[:n], carried, found[n:]])
 
 
+def accelerations_of_chain(chain, q, u, loads, acceleration=None):
+    """Return `all_accelerations` of a chain, whose pivot may have an acceleration."""
+    names = [*_PER_LINK, "gravity"]
+    names += [] if chain.stiffness is None else ["stiffness", "axial_damping"]
+    base = None if acceleration is None else {"acceleration": acceleration}
+    if chain.base is not None:
+        base = {"cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
+    return all_accelerations({name: getattr(chain, name) for name in names}, q, u, loads, base)
+
+
 def _map(function, values):
     return [_map(function, one) if isinstance(one, list) else function(one) for one in values]

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -56,15 +57,14 @@ def test_every_release_of_every_cell_is_in_one_task():
     assert len(set(cells)) == 8
 
 
-def test_numpy_integers_of_a_plan_do_not_overflow():
-    plan = CampaignPlan(n=np.array([2, 3]), trials=np.uint8(200), batch=np.uint8(100))
-    assert plan == CampaignPlan(n=[2, 3], trials=200, batch=100)
+def test_numpy_integers_of_a_plan_do_not_overflow_and_are_kept_in_the_folder(tmp_path):
+    plan = CampaignPlan(
+        n=np.array([2, 3]), trials=np.uint8(200), batch=np.uint8(100), seed=np.int64(7)
+    )
+    assert plan == CampaignPlan(n=[2, 3], trials=200, batch=100, seed=7)
     assert (plan.releases, plan.task_count) == (400, 4)
-
-
-def test_a_plan_with_a_seed_of_numpy_is_kept_in_the_folder(tmp_path):
-    with Campaign(CampaignPlan(n=2, seed=np.int64(7)), tmp_path) as campaign:
-        assert campaign.plan == Campaign(None, tmp_path).plan
+    with Campaign(plan, tmp_path):
+        assert Campaign(None, tmp_path).plan == plan
 
 
 def test_a_plan_that_is_too_large_for_its_file_is_refused_before_the_folder_is_made(tmp_path):
@@ -264,7 +264,6 @@ def test_bobs_that_do_not_complete_have_null_as_their_period(tmp_path):
 
 def test_the_folder_is_a_partitioned_data_set_with_its_provenance(undisturbed):
     import pyarrow.dataset as ds
-    import pyarrow.parquet as pq
 
     bobs = ds.dataset(undisturbed / BOBS, partitioning="hive").to_table()
     assert sorted(set(bobs["n"].to_pylist())) == [2, 3]
@@ -272,7 +271,7 @@ def test_the_folder_is_a_partitioned_data_set_with_its_provenance(undisturbed):
     cells = read_part(undisturbed / "cells.parquet").to_pylist()
     assert [(c["n"], c["amplitude_rad"]) for c in cells] == [(2, 0.3), (2, 0.7), (3, 0.3), (3, 0.7)]
     part = part_of(undisturbed, RELEASES, next(SMALL.tasks()))
-    record = json.loads(pq.read_schema(part).metadata[b"npend_gym"])
+    record = json.loads(read_part(part).schema.metadata[b"npend_gym"])
     assert record["arguments"] == {"plan": SMALL.digest, "task": "n2-0000000"}
     assert record["seed"] == 4
 
@@ -325,7 +324,6 @@ def test_damage_is_found_reported_and_repaired(undisturbed, tmp_path):
             "what is missing is measured again"
         )
         assert len(list(campaign.run(count=1))) == 4
-    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
     assert contents(tmp_path) == contents(undisturbed)
     assert not list(tmp_path.rglob("*.part"))
 
@@ -336,7 +334,7 @@ def test_of_two_parts_of_a_task_one_is_kept(undisturbed, tmp_path):
     completed(SMALL, tmp_path)
     task = next(SMALL.tasks())
     part = part_of(tmp_path, RELEASES, task)
-    pq.write_table(pq.ParquetFile(part).read(), tmp_path / "other", compression="gzip")
+    pq.write_table(read_part(part), tmp_path / "other", compression="gzip")
     digest = part_digest(SMALL.digest, (tmp_path / "other").read_bytes())
     (tmp_path / "other").rename(part.with_name(f"{task.number:07d}-{digest}.parquet"))
     with Campaign(SMALL, tmp_path) as campaign:
@@ -446,7 +444,7 @@ def test_workers_that_always_die_end_the_run(times, monkeypatch):
 def test_no_more_workers_start_than_tasks_are_left(tmp_path):
     with Campaign(CampaignPlan(n=[1], trials=1), tmp_path) as campaign:
         assert len(list(campaign.run(count=5))) == 1
-    assert len(workers_of(psutil.Process())[0]) == 2  # one would be this process
+    assert len(kill_campaign.worker_processes(os.getpid())) == 2  # one would be this process
     for count, tasks, started in ((5, 3, 3), (3, 5, 3), (1, 5, 1), (5, 0, 2)):
         with engine.workers("threading", count, tasks=tasks):
             assert engine.joblib.Parallel().n_jobs == started
@@ -523,27 +521,28 @@ def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys, monk
     assert "20 releases done before" in capsys.readouterr().out
 
 
-def command(out, *arguments):
-    return [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *arguments]
+def started(out, line, output=subprocess.PIPE):
+    """Start a campaign as a terminal does, which sends signals to its workers too."""
+    command = [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *line.split()]
+    return subprocess.Popen(
+        command, stdout=output, stderr=output, text=True, start_new_session=True
+    )
 
 
-def workers_of(process):
-    """Return the workers of a process, and all that is below it."""
-    below = psutil.Process(process.pid).children(recursive=True)
-    return [each for each in below if "popen_loky" in " ".join(command_line(each))], below
-
-
-def command_line(process):
-    try:
-        return process.cmdline()
-    except psutil.NoSuchProcess:
-        return []
+def interrupted(process, number):
+    """Send a signal to a campaign and its workers, and return what it printed."""
+    os.killpg(process.pid, number)
+    out, error = process.communicate(timeout=60)
+    assert process.returncode == 128 + number, error
+    assert "interrupted: what is done is kept" in error
+    assert "Traceback" not in out + error
+    return out
 
 
 def wait_for_parts(out, count, process):
     deadline = time.monotonic() + 120.0
     while time.monotonic() < deadline and process.poll() is None:
-        if len(list(out.glob("releases/*/*.parquet"))) >= count:
+        if kill_campaign.written(out) >= count:
             return
         time.sleep(0.02)
     raise AssertionError("nothing was written")
@@ -552,38 +551,21 @@ def wait_for_parts(out, count, process):
 @pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_path):
-    arguments = ["--n", "5", "--trials", "1000000", "--batch", "64", "--workers", "2"]
-    process = subprocess.Popen(
-        command(tmp_path, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
+    process = started(tmp_path, "--n 5 --trials 1000000 --batch 64 --workers 2")
     wait_for_parts(tmp_path, 200, process)  # both workers are at work
-    os.killpg(process.pid, number)  # workers too, as a terminal does
-    out, error = process.communicate(timeout=60)
-    assert process.returncode == 128 + number, error
-    assert "interrupted: what is done is kept" in error
-    assert "Traceback" not in error
-    assert " of 1000000 releases done" in out
+    assert " of 1000000 releases done" in interrupted(process, number)
     assert '"complete": false' in (tmp_path / "manifest.json").read_text()
 
 
 @pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_while_the_workers_start_shows_no_traceback_and_ends_them(tmp_path):
-    arguments = ["--n", "5,10", "--trials", "3000", "--batch", "100", "--workers", "2"]
-    process = subprocess.Popen(
-        command(tmp_path, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
+    process = started(tmp_path, "--n 5,10 --trials 3000 --batch 100 --workers 2")
     workers = []
     while not any(each.cpu_times().user > 0.1 for each in workers):  # it imports modules
         assert process.poll() is None
-        workers = workers_of(process)[0]
-    os.killpg(process.pid, signal.SIGINT)
-    out, error = process.communicate(timeout=60)
-    assert process.returncode == 130, error
-    assert "interrupted: what is done is kept" in error
-    assert "Traceback" not in out + error
+        workers = kill_campaign.worker_processes(process.pid)
+    interrupted(process, signal.SIGINT)
     assert psutil.wait_procs(workers, timeout=10.0)[1] == []
 
 
@@ -617,6 +599,20 @@ def test_a_campaign_whose_drivers_and_workers_are_killed_ends_with_the_same_byte
     assert kill_campaign.main() == 0, capsys.readouterr().out
 
 
+def test_a_driver_that_gives_up_undisturbed_ends_the_campaigns_that_are_killed(
+    tmp_path, monkeypatch
+):
+    happened = iter(["driver killed", "gave up", "gave up"])
+    monkeypatch.setattr(kill_campaign, "start", lambda *_: None)
+    monkeypatch.setattr(kill_campaign, "disturb", lambda *_: next(happened))
+    (tmp_path / "out.log").touch()
+    with pytest.raises(RuntimeError, match="gave up, though nothing was killed or damaged"):
+        kill_campaign.run_campaign(
+            tmp_path / "out", random.Random(0), {1: 1.0, 2: 1.0}, kill_campaign.Orphans()
+        )
+    assert not [*happened]
+
+
 # Workers that have lost their driver
 
 
@@ -628,10 +624,11 @@ def test_a_campaign_leaves_nothing_but_its_files(undisturbed):
 
 @pytest.mark.long
 def test_workers_whose_driver_was_killed_end_and_spoil_nothing(undisturbed, tmp_path):
-    arguments = ["--n", "2", "--trials", "1000000", "--batch", "16", "--workers", "2"]
-    process = subprocess.Popen(command(tmp_path, *arguments), stdout=subprocess.DEVNULL)
+    line = "--n 2 --trials 1000000 --batch 16 --workers 2"
+    process = started(tmp_path, line, subprocess.DEVNULL)
     wait_for_parts(tmp_path, 20, process)
-    workers, below = workers_of(process)
+    workers = kill_campaign.worker_processes(process.pid)
+    below = psutil.Process(process.pid).children(recursive=True)
     assert len(workers) == 2
     workers[0].suspend()  # it is in the middle of something, and hears nothing for now
     process.kill()
@@ -647,7 +644,6 @@ def test_workers_whose_driver_was_killed_end_and_spoil_nothing(undisturbed, tmp_
         for each in below:
             with contextlib.suppress(psutil.NoSuchProcess):
                 each.kill()
-    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
     with Campaign(SMALL, tmp_path) as campaign:
         assert campaign.status.damaged == 0
         assert campaign.status.leftovers <= 2  # parts that the worker was about to write

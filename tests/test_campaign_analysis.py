@@ -196,7 +196,6 @@ def test_a_full_disk_keeps_an_older_analysis_whole_or_removes_its_manifest(tmp_p
         with pytest.raises(OSError, match="No space left"):
             report.write_analysis(result, out, figures=False)
         assert [path.read_bytes() for path in out.glob("manifest.json")] == [before] * kept
-    monkeypatch.undo()
 
 
 def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch):

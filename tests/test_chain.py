@@ -34,8 +34,6 @@ def test_a_chain_cannot_be_changed():
     chain = Chain(given, 1.0)
     given[0] = 5.0
     assert chain.masses[0] == 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        chain.masses[0] = 2.0
     with pytest.raises(FrozenInstanceError):
         chain.gravity = 1.0
 
@@ -105,12 +103,27 @@ def test_lift_is_mass_times_lever():
     assert Chain(1.0, [1.0], centres=-0.5).lifting_energy == pytest.approx(9.81, rel=1e-15)
 
 
-def test_a_chain_goes_through_json_and_back():
-    for chain in (LINKS, Chain([1.0, 2.0], 1.0), Chain(1.0, [1.0, 2.0], friction_speed=0.1)):
-        text = json.dumps(chain.as_dict(), allow_nan=False)
-        assert Chain.from_dict(json.loads(text)) == chain
-        assert Chain(**json.loads(text)) == chain
-        assert pickle.loads(pickle.dumps(chain)) == chain
+ON_CART = {"base": Cart(1.7, 0.6)}
+SPRINGS = {"stiffness": [90.0, 60.0], "axial_damping": [0.4, 0.0]}
+BODIES = {"centres": 0.3, "inertias": 0.1}
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [{}, {"friction_speed": 0.1}, ON_CART, SPRINGS, ON_CART | SPRINGS, ON_CART | BODIES, None],
+)
+def test_a_chain_goes_through_json_and_back(parts):
+    chain = LINKS if parts is None else Chain([1.0, 0.5], 0.7, damping=0.1, drag=0.2, **parts)
+    text = json.dumps(chain.as_dict(), allow_nan=False)
+    for again in (Chain.from_dict(json.loads(text)), Chain(**json.loads(text)), *copies(chain)):
+        assert (again, hash(again), repr(again)) == (chain, hash(chain), repr(chain))
+        assert again.base == (parts or {}).get("base")
+        assert (again.stiffness is None) == ("stiffness" not in (parts or {}))
+    assert ("base=Cart(mass=1.7" in repr(chain)) == (chain.base is not None)
+    assert ("stiffness=" in repr(chain)) == (chain.stiffness is not None)
+
+
+def test_a_dict_of_a_chain_has_no_more_than_it_needs():
     assert list(Chain(1.0, [1.0]).as_dict()) == [
         "masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"
     ]  # fmt: skip
@@ -125,10 +138,6 @@ def test_many_chains_have_the_parameters_of_one_and_their_changes():
     longer = Chain(1.0, [1.0, 2.0]).repeated(2, lengths=np.full((2, 2), 3.0))
     assert longer.is_ideal  # bobs stay at the ends of their rods
     np.testing.assert_array_equal(longer.centres, longer.lengths)
-    with pytest.raises(ValueError, match="inertias must be zero or more"):
-        LINKS.repeated(2, inertias=-np.ones((2, 3)))
-    with pytest.raises(ValueError, match="those of link 0 are 0"):
-        LINKS.repeated(2, centres=np.zeros((2, 3)))
 
 
 def test_an_unknown_keyword_is_refused_with_the_nearest_one_and_all_there_are():
@@ -145,6 +154,10 @@ def two_rods(**change):
 
 def sprung(**change):
     return two_rods(**{"stiffness": 1e3} | change)
+
+
+def from_dict(**values):
+    return lambda: Chain.from_dict(values)
 
 
 def spheres(n, radius, density, **options):
@@ -184,18 +197,9 @@ def spheres(n, radius, density, **options):
         (two_rods(damping=[0.1] * 3), r"damping must be one number or .* \(2,\)"),
         (two_rods(drag=1e-40), "drag must be zero or at least 1e-30"),
         # from a dict, of equal rods, of rods with a mass
-        (
-            lambda: Chain.from_dict({"masses": 1.0}),
-            "has no 'lengths'; its keys are masses, lengths, g",
-        ),
-        (
-            lambda: Chain.from_dict({"masses": 1.0, "lengths": 1.0, "mass": 2.0}),
-            "'mass'; did you mean 'masses'[?] its",
-        ),
-        (
-            lambda: Chain.from_dict({"masses": 1.0, "lengths": -1.0}),
-            "lengths must be greater than zero",
-        ),
+        (from_dict(masses=1.0), "has no 'lengths'; its keys are masses, lengths, g"),
+        (from_dict(masses=1.0, lengths=1.0, mass=2.0), "'mass'; did you mean 'masses'[?] its"),
+        (from_dict(masses=1.0, lengths=-1.0), "lengths must be greater than zero"),
         (lambda: Chain.uniform(0), "n must be between 1 and 1000000, got 0"),
         (lambda: Chain.uniform(2, length=0.0), "length must be greater than zero"),
         (lambda: Chain.rods(-1.0, 1.0), "masses must be zero or more"),
@@ -258,6 +262,7 @@ def test_a_chain_that_cannot_be_is_refused_by_name(call, message):
         (lambda: Chain.multiarm("1"), "arms must be an integer"),
         (spheres(2, 0.1, 1.0, fixed=1), "fixed must be True or False"),
         (spheres(2, 0.1, 1.0, colour=1), "colour"),
+        (spheres(2, 0.1, 1.0, lengths=0.2), r"lengths must be left out, .* give spacing=0\.2"),
         (lambda: Cart("1"), "mass of a cart must be a real number"),
         (two_rods(base=1.0), "base must be None or a Cart"),
         (two_rods(stifness=1.0), "'stifness'; did you mean 'stiffness'"),
@@ -286,6 +291,9 @@ def test_long_text_among_numbers_fills_no_memory():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"masses": -np.ones((2, 2))}, "masses must be greater"),
+        ({"inertias": -np.ones((2, 2))}, "inertias must be zero or more"),
+        ({"centres": np.zeros((2, 2))}, "those of link 0 are 0"),
         ({"damping": [[0.1, np.nan]] * 2}, "damping must be finite"),
         ({"masses": np.full((2, 2), np.nan)}, "masses must be finite"),
         ({"friction_speed": np.full((2, 2), np.inf)}, "friction_speed must be finite"),

@@ -38,12 +38,6 @@ def commands(page):
                     yield shlex.split(command, comments=True), whole
 
 
-def file_of(words):
-    """Return the script that `python FILE ...` or `python -m MODULE ...` runs."""
-    name = words[1] if words[1] != "-m" else f"{words[2].replace('.', '/')}.py"
-    return ROOT / name
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_the_page_are_understood(page, capsys):
     parser, each = parsers()
@@ -52,7 +46,8 @@ def test_commands_of_the_page_are_understood(page, capsys):
         if words[:3] == ["python", "-m", "paper"]:
             study.command().parse_args(words[3:])
         elif words[0] == "python":
-            script = file_of(words).read_text("utf-8")
+            file = words[1] if words[1] != "-m" else f"{words[2].replace('.', '/')}.py"
+            script = (ROOT / file).read_text("utf-8")
             options = {word for word in words[2:] if word.startswith("--")} - {"--env"}
             assert all(f'"{option}"' in script for option in options), words
         elif whole and not placeholder:

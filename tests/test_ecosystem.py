@@ -1,7 +1,6 @@
 """Other packages' own checks, of every environment that is registered."""
 
 import sys
-import warnings
 
 import gymnasium as gym
 import numpy as np
@@ -32,27 +31,16 @@ def test_stable_baselines3_checker_is_content_without_a_warning(env_id):
 
 
 @every_id
-def test_torchrl_spec_check_is_content(env_id):
-    pytest.importorskip("torchrl")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # TorchRL warns of itself
-        from torchrl.envs import GymEnv
-        from torchrl.envs.utils import check_env_specs
-
-        check_env_specs(GymEnv(env_id, device="cpu"))
-
-
-@every_id
-@pytest.mark.parametrize("autoreset", ["DISABLED", "SAME_STEP"])
-def test_torchrl_spec_check_is_content_with_the_vector_environment(env_id, autoreset):
-    pytest.importorskip("torchrl")
-    envs = gym.make_vec(env_id, num_envs=3, autoreset_mode=autoreset)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # TorchRL warns of itself
-        from torchrl.envs import GymWrapper
-        from torchrl.envs.utils import check_env_specs
-
-        check_env_specs(GymWrapper(envs, device="cpu"))
+@pytest.mark.filterwarnings("ignore")  # TorchRL warns of itself
+@pytest.mark.parametrize("autoreset", [None, "DISABLED", "SAME_STEP"])
+def test_torchrl_spec_check_is_content_with_one_environment_and_with_many(env_id, autoreset):
+    envs, utils = (pytest.importorskip(name) for name in ("torchrl.envs", "torchrl.envs.utils"))
+    if autoreset is None:
+        env = envs.GymEnv(env_id, device="cpu")
+    else:
+        vector = gym.make_vec(env_id, num_envs=3, autoreset_mode=autoreset)
+        env = envs.GymWrapper(vector, device="cpu")
+    utils.check_env_specs(env)
 
 
 @every_id

@@ -166,7 +166,10 @@ def test_the_reward_of_a_mode_of_ones_own_can_be_sparse():
     assert set(rewards) == {0.0, 1.0}
 
 
-# -- discrete torques -----------------------------------------------------------------------
+# -- discrete actions -----------------------------------------------------------------------
+
+LEVELS = {"mode": "swingup", "torque_levels": 3}
+PASSIVE = {"mode": "passive"}
 
 
 def test_discrete_actions_are_the_torques_of_their_digits():
@@ -204,22 +207,25 @@ def test_a_discrete_action_has_the_effect_of_its_torques_to_the_last_bit(actuate
 
 
 @pytest.mark.parametrize(
-    ("action", "error", "message"),
+    ("keywords", "action", "error", "message"),
     [
-        (3, ValueError, "action must be between 0 and 2, got 3"),
-        (-1, ValueError, "action must be between 0 and 2, got -1"),
-        (0.5, TypeError, "action must hold integers, got 0.5"),
-        (True, TypeError, "action must hold integers, got True"),
-        ([1], ValueError, r"action must have the shape \(\), got \(1,\)"),
-        (np.array([0.5]), TypeError, "action must hold integers"),
+        (LEVELS, 3, ValueError, "action must be between 0 and 2, got 3"),
+        (LEVELS, -1, ValueError, "action must be between 0 and 2, got -1"),
+        (LEVELS, 0.5, TypeError, "action must hold integers, got 0.5"),
+        (LEVELS, True, TypeError, "action must hold integers, got True"),
+        (LEVELS, [1], ValueError, r"action must have the shape \(\), got \(1,\)"),
+        (LEVELS, np.array([0.5]), TypeError, "action must hold integers"),
+        (PASSIVE, 1, ValueError, "action must be 0"),
+        (PASSIVE, 0.0, TypeError, "action must hold integers"),
     ],
 )
-def test_a_wrong_discrete_action_changes_nothing(action, error, message):
-    env = gym.make("npend/SwingUp-v1", torque_levels=3).unwrapped
+def test_a_wrong_discrete_action_changes_nothing(keywords, action, error, message):
+    env = gym.make(ENV_ID, **keywords).unwrapped
     env.reset(seed=0)
     with pytest.raises(error, match=message):
         env.step(action)
-    assert env.step(1)[4]["time"] == env.config.dt
+    for steps, good in enumerate((0, np.int64(0), np.array(0)), start=1):
+        assert env.step(good)[4]["time"] == pytest.approx(steps * env.config.dt)
 
 
 def test_dqn_of_stable_baselines3_trains_on_discrete_torques():

@@ -170,27 +170,24 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("keywords", "message"), REFUSED)
-def test_keywords_that_are_wrong_are_refused_by_name_with_the_reason(keywords, message):
-    with pytest.raises(ValueError, match=message):
-        EnvConfig(**keywords)
+OF_A_WRONG_TYPE = [
+    ({"mode": f"{__name__}:NAMED"}, "must name a class derived from npend_gym.envs.Mode"),
+    ({"goal_env": 1, "mode": "transition"}, "goal_env must be"),
+    ({"observe_context": 1}, OBSERVED),
+    ({"observe_context": "yes"}, OBSERVED),
+    ({"observe_context": None}, OBSERVED),
+    ({"chain": 3}, "chain must be an npend_gym.Chain, a dict .*; got 3"),
+    ({"difficulty": ["easy"]}, r"difficulty must be a real number, got \['easy'\]"),
+    ({"torque_levels": 2.0}, "torque_levels must be an integer, got 2.0"),
+]
 
 
 @pytest.mark.parametrize(
-    ("keywords", "message"),
-    [
-        ({"mode": f"{__name__}:NAMED"}, "must name a class derived from npend_gym.envs.Mode"),
-        ({"goal_env": 1, "mode": "transition"}, "goal_env must be"),
-        ({"observe_context": 1}, OBSERVED),
-        ({"observe_context": "yes"}, OBSERVED),
-        ({"observe_context": None}, OBSERVED),
-        ({"chain": 3}, "chain must be an npend_gym.Chain, a dict .*; got 3"),
-        ({"difficulty": ["easy"]}, r"difficulty must be a real number, got \['easy'\]"),
-        ({"torque_levels": 2.0}, "torque_levels must be an integer, got 2.0"),
-    ],
+    ("keywords", "message", "error"),
+    [(*case, ValueError) for case in REFUSED] + [(*case, TypeError) for case in OF_A_WRONG_TYPE],
 )
-def test_keywords_of_a_wrong_type_are_refused_by_name(keywords, message):
-    with pytest.raises(TypeError, match=message):
+def test_keywords_that_are_wrong_are_refused_by_name_with_the_reason(keywords, message, error):
+    with pytest.raises(error, match=message):
         EnvConfig(**keywords)
 
 
@@ -410,6 +407,7 @@ ROOT = Path(__file__).parent.parent
 WALKED = r"""
 import inspect
 import numpy as np
+import pytest
 from npend_gym import NPendulumEnv, NPendulumVectorEnv
 from npend_gym.envs import EnvConfig, Info
 from npend_gym.physics import mass_matrix
@@ -436,12 +434,8 @@ assert env.get_state()["members"]["angle_offset"] == 0.25
 env, (*_, info), many = both(randomize={"angle_offset": {"low": 0.1, "high": 0.2}})
 assert 0.1 < info["context"][0] == many[4]["context"][0, 0] < 0.2
 for wrong in (-1.0, float("nan")):
-    try:
+    with pytest.raises(ValueError, match="angle_offset must be"):
         EnvConfig(angle_offset=wrong)
-    except ValueError as error:
-        assert "angle_offset must be" in str(error)
-    else:
-        raise AssertionError
 
 # the key of the info
 env, (*_, info), many = both()

@@ -159,6 +159,10 @@ def test_bad_arguments_are_refused_by_name(change, error, message):
             ValueError, "joint must be between 0 and 1",
         ),
         (
+            lambda: linearise(Chain.uniform(2), 0.1, joints=(1, 1)),
+            ValueError, r"joints must name each joint once, got \[1, 1\]",
+        ),
+        (
             lambda: step_jacobian(Chain.uniform(2), 0.1, dt=0.02, pivot_acceleration=(1.0, 0.0)),
             ValueError, r"pivot_acceleration must be None, .*sensitivities\(\)",
         ),

@@ -32,6 +32,19 @@ from npend_gym.rl import Policy, VelocityEstimator
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the options of compilers elsewhere")
 
 
+def check(library, policy, states, rounded, **options):
+    """Compare what C observes, its actions and torques with those of Python and of exact sums."""
+    observations, actions, torques = in_c(library, policy, states)
+    np.testing.assert_array_equal(observations, observed(policy.config, states, **options))
+    ours = in_python(policy, observations)
+    print(f"largest difference {abs(actions - ours).max() * 2**24:.0f} of 2^-24")
+    np.testing.assert_allclose(actions, ours, rtol=0.0, atol=rounded)
+    exact, bound = in_float64(policy, observations, actions)
+    assert (abs(actions - exact) <= bound).all()
+    assert np.any(abs(actions) < 1.0)
+    np.testing.assert_array_equal(torques, actions * policy.config.action_limits)
+
+
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "zig", "tcc"])
 @pytest.mark.parametrize("name", [
     "balance-1", "calm-10", *(pytest.param(name, marks=pytest.mark.long) for name in (
@@ -40,18 +53,10 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="the options of compi
 ])  # fmt: skip
 def test_c_observes_and_acts_as_python_does_in_100_000_states(name, compiler, tmp_path):
     policy = Policy.pretrained(name)
-    states = draw(policy.config, 1000, 100)
-    observations, actions, torques = in_c(compiled(policy, tmp_path, compiler), policy, states)
-    np.testing.assert_array_equal(observations, observed(policy.config, states))
-    ours = in_python(policy, observations)
-    print(f"{name}: largest difference {abs(actions - ours).max() * 2**24:.0f} of 2^-24")
     # balance-5-cart multiplies angles by 1300; NumPy's products differ between processors
     rounded = {"balance-5-cart": 1e-4, "swingup-3-robust": 3e-5, "swingup-5": 5e-5}.get(name, 1e-5)
-    np.testing.assert_allclose(actions, ours, rtol=0.0, atol=rounded)
-    exact, bound = in_float64(policy, observations, actions)
-    assert (abs(actions - exact) <= bound).all()
-    assert np.any(abs(actions) < 1.0)
-    np.testing.assert_array_equal(torques, actions * policy.config.action_limits)
+    states = draw(policy.config, 1000, 100)
+    check(compiled(policy, tmp_path, compiler), policy, states, rounded)
 
 
 @pytest.mark.parametrize("policy", [
@@ -63,16 +68,8 @@ def test_c_observes_and_acts_as_python_does_in_100_000_states(name, compiler, tm
 ], ids=["memory", "relu, clipped", "no velocities", "angles", "goals"])  # fmt: skip
 @pytest.mark.parametrize("relative", [False, True])
 def test_whatever_a_policy_observes_and_computes_is_in_the_header(policy, relative, tmp_path):
-    states = draw(policy.config, 200, 20)
-    observations, actions, torques = in_c(
-        compiled(policy, tmp_path, relative=relative), policy, states
-    )
-    expected = observed(policy.config, states, relative=relative)
-    np.testing.assert_array_equal(observations, expected)
-    exact, bound = in_float64(policy, observations, actions)
-    assert (abs(actions - exact) <= bound).all()
-    np.testing.assert_allclose(actions, in_python(policy, observations), rtol=0.0, atol=1e-5)
-    np.testing.assert_array_equal(torques, actions * policy.config.action_limits)
+    library = compiled(policy, tmp_path, relative=relative)
+    check(library, policy, draw(policy.config, 200, 20), 1e-5, relative=relative)
 
 
 @pytest.mark.parametrize(

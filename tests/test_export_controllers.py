@@ -14,6 +14,7 @@ from headers import CART, FLAGS, LOOP_OF_CONTROLLER, bytes_of, compiled, ticks_s
 from npend_gym import Chain, __version__
 from npend_gym.cli import main
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.modes import Balance
 from npend_gym.export import to_c
 from npend_gym.rl import MPC, lqr, modal_damping, planned_swing_up
 from npend_gym.rl.angles import wrap
@@ -208,14 +209,19 @@ def test_sizes_and_the_time_of_a_call_are_measured(plan, tmp_path):
 
 @pytest.mark.long
 def test_the_control_loop_of_the_examples_is_compiled_without_a_warning(plan, tmp_path):
-    to_c(plan, tmp_path / "arm.h", prefix="arm")
+    to_c(plan, tmp_path / "arm.h", prefix="arm", relative=True)
     loop = Path(__file__).parent.parent / "examples" / "control_loop.c"
     subprocess.run(["gcc", *FLAGS, "-O2", "-I.", "-c", str(loop)], cwd=tmp_path, check=True)
 
 
-@pytest.mark.parametrize("keywords", [{"n": 1}, {"n": 3}, {"n": 2, "actuated": (0, 1)}])
-def test_the_control_loop_of_the_examples_says_for_which_chain_it_is(keywords, tmp_path):
-    to_c(lqr(EnvConfig(mode="balance", **keywords)), tmp_path / "arm.h", prefix="arm")
+@pytest.mark.parametrize(
+    ("keywords", "relative"),
+    [({"n": 1}, True), ({"n": 3}, True), ({"n": 2, "actuated": (0, 1)}, True), ({"n": 2}, False),
+     ({"n": 2, "actuated": (1,)}, True), ({"n": 2, "base": "cart"}, True)],
+)  # fmt: skip
+def test_the_control_loop_of_the_examples_says_for_which_chain_it_is(keywords, relative, tmp_path):
+    controller = lqr(EnvConfig(mode="balance", **keywords))
+    to_c(controller, tmp_path / "arm.h", prefix="arm", relative=relative)
     loop = Path(__file__).parent.parent / "examples" / "control_loop.c"
     done = subprocess.run(
         ["gcc", "-fsyntax-only", "-I.", str(loop)],
@@ -235,6 +241,14 @@ def test_the_header_says_what_it_is_for(plan, tmp_path):
     assert "#define ARM_ROWS 122 /* the start that is held, the steps of the plan, the" in text
     assert "#define ARM_WAIT 4 " in text
     assert max(map(len, text.splitlines())) <= 110
+
+
+def test_the_header_says_how_a_mode_was_changed(tmp_path):
+    mode = Balance()
+    mode.hold = 3.0
+    to_c(lqr(EnvConfig(n=2, mode=mode)), tmp_path / "lqr.h")
+    text = (tmp_path / "lqr.h").read_text()
+    assert '"env": {\n *     "n": 2,\n *     "mode": "Balance(hold=3.0)"\n *   }' in text
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path):

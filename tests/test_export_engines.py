@@ -137,22 +137,13 @@ def test_other_dynamics_would_be_noticed():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["swingup-1", "balance-2"])
+@pytest.mark.parametrize("name", ["swingup-1", "swingup-2", "swingup-3", "balance-2"])
 def test_a_policy_succeeds_as_often_in_mujoco(name):
     policy = rl.Policy.pretrained(name)
-    own = rl.evaluate(policy, policy.env, episodes=4)
-    found = rl.evaluate(policy, in_mujoco(policy.env), episodes=4)
-    assert found.success.sum() == own.success.sum() == 4
-    np.testing.assert_allclose(found.returns, own.returns, rtol=0.02)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["swingup-1", "swingup-2", "swingup-3", "balance-2"])
-def test_policies_succeed_as_often_in_thirty_episodes(name):
-    policy = rl.Policy.pretrained(name)
-    own = rl.evaluate(policy, policy.env, episodes=30).success_rate
-    found = rl.evaluate(policy, in_mujoco(policy.env), episodes=30).success_rate
-    assert found >= own - 0.02
+    own = rl.evaluate(policy, policy.env, episodes=30)
+    found = rl.evaluate(policy, in_mujoco(policy.env), episodes=30)
+    assert found.success_rate >= own.success_rate - 0.02 > 0.9
+    np.testing.assert_allclose(found.returns, own.returns, rtol=1e-3)
 
 
 def test_the_task_may_be_named_by_its_id_and_scores_are_measured_there_too():

@@ -87,14 +87,8 @@ def check_dynamics(model, chain):
         np.testing.assert_allclose(turns @ data.qacc, expected, rtol=1e-7, atol=1e-7)
 
 
-def readable(name):
-    """Whether to_mjcf exports a preset, without what from_mjcf cannot read back."""
-    chain = Chain.preset(name)
-    geared = np.any(np.isfinite(chain.gear) & (chain.armature > 0.0))
-    return not (chain.has_drag or geared or np.any(chain.friction))
-
-
-CHAINS = {name: Chain.preset(name) for name in PRESETS if readable(name)} | {
+# All presets but those with gears, which MuJoCo does not know
+CHAINS = {name: Chain.preset(name) for name in PRESETS if not name.startswith("realaigym")} | {
     "bobs": Chain([1.0, 0.5, 0.7], [1.0, 0.4, 0.8], 9.5, damping=[0.1, 0.0, 0.2]),
     "many bobs on a cart": Chain.uniform(30, base=Cart(2.0, 0.1)),
     "links": Chain(
@@ -117,10 +111,6 @@ def test_what_to_mjcf_writes_is_read_back(name, tmp_path):
             np.testing.assert_allclose(read[key], given[key], rtol=1e-12, atol=1e-14, err_msg=key)
         assert found.base == chain.base
         np.testing.assert_array_equal(found.has_bobs, chain.has_bobs)
-
-
-def test_most_presets_are_read_back():
-    assert len([name for name in PRESETS if readable(name)]) >= 6
 
 
 @pytest.mark.parametrize("text", [ARM, ON_CART], ids=["arm", "cart"])
@@ -176,21 +166,15 @@ def test_models_of_dm_control_are_read_from_their_files():
     ("<actuator>", '<tendon><fixed><joint joint="wrist" coef="1"/></fixed></tendon><actuator>',
      "no <tendon>"),
     ("<mujoco>", "<mujoco><nothing/>", "MuJoCo cannot read the model"),
-])  # fmt: skip
-def test_what_no_chain_has_is_refused_by_its_name(old, new, message):
-    assert old in ARM
-    with pytest.raises(ValueError, match=message):
-        from_mjcf(ARM.replace(old, new, 1))
-
-
-@pytest.mark.parametrize(("old", "new", "message"), [
     ('armature="0.2"', 'frictionloss="0.2"', "joint 'rail' must have no frictionloss"),
     ('type="slide" axis="3 0 1"', 'type="slide" axis="1 0 0"', "joint 'rail' must be perpen"),
-    ('axis="0 1 0"', 'type="slide" axis="1 0 0"', "joint 'knee' must be a hinge$"),
+    ('"knee" axis="0 1 0"', '"knee" type="slide" axis="1 0 0"', "joint 'knee' must be a hinge$"),
 ])  # fmt: skip
-def test_what_no_cart_has_is_refused_by_its_name(old, new, message):
+def test_what_no_chain_has_is_refused_by_its_name(old, new, message):
+    model = ARM if old in ARM else ON_CART
+    assert old in model
     with pytest.raises(ValueError, match=message):
-        from_mjcf(ON_CART.replace(old, new, 1))
+        from_mjcf(model.replace(old, new, 1))
 
 
 def test_what_a_model_disables_is_not_in_the_chain():
@@ -224,8 +208,6 @@ def test_a_model_without_hinges_and_a_chain_with_springs_are_refused():
     springs = Chain([1.0, 0.5], 1.0, stiffness=500.0)
     with pytest.raises(ValueError, match="body 'link0' must have one joint, got 2"):
         from_mjcf(springs.to_mjcf())
-    with pytest.raises(ValueError, match="MuJoCo cannot read the model"):
-        from_mjcf("no such file.xml")
 
 
 def test_what_is_no_file_is_refused_before_mujoco_prints(capfd):

@@ -43,7 +43,7 @@ def test_mass_matrix_and_accelerations_of_pinocchio_are_those_of_the_chain(name)
 
 def test_losses_and_the_cart_stand_in_the_file():
     chain = Chain(1.0, [1.0, 2.0], damping=[0.1, 0.2], friction=0.3, base=Cart(2.0, 0.4))
-    root = ET.fromstring(to_urdf(chain))
+    root = ET.fromstring(chain.to_urdf())
     joints = {joint.get("name"): joint for joint in root.iter("joint")}
     assert [joint.get("type") for joint in joints.values()] == ["prismatic"] + ["continuous"] * 2
     assert joints["joint1"].find("dynamics").attrib == {"damping": "0.2", "friction": "0.3"}

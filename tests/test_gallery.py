@@ -12,11 +12,14 @@ nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed")
 DOCS = Path(__file__).parent.parent / "docs"
 
 
+def outputs(notebook):
+    return [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
+
+
 def printed(notebook):
     return [
-        "".join(out.text for out in cell.outputs if out.get("name") == "stdout")  # no notices
-        for cell in notebook.cells
-        if cell.cell_type == "code"
+        "".join(out.text for out in cell if out.get("name") == "stdout")  # no notices
+        for cell in outputs(notebook)
     ]
 
 
@@ -33,22 +36,9 @@ def same_word(one, other):
         return one == other
 
 
-def pictures(notebook):
-    return sum(
-        "image/png" in out.get("data", {})
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-        for out in cell.outputs
-    )
-
-
-def html_of(notebook):
-    return "".join(
-        out.get("data", {}).get("text/html", "")
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-        for out in cell.outputs
-    )
+def shown_as(kind, notebook):
+    data = [out.get("data", {}) for cell in outputs(notebook) for out in cell]
+    return [one[kind] for one in data if kind in one]
 
 
 @pytest.mark.long
@@ -64,6 +54,7 @@ def test_a_notebook_prints_what_it_shows(name, tmp_path):
     client.execute()
     same = same_text if name == "try_it.ipynb" else eq  # which shows what networks do
     assert all(map(same, printed(again), printed(shown))), printed(again)
-    assert pictures(again) == pictures(shown) > 0
-    players = [html_of(one).count("<iframe") for one in (again, shown)]
+    pictures = [len(shown_as("image/png", one)) for one in (again, shown)]
+    assert pictures[0] == pictures[1] > 0
+    players = ["".join(shown_as("text/html", one)).count("<iframe") for one in (again, shown)]
     assert players[0] == players[1] == (name == "try_it.ipynb")

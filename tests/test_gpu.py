@@ -27,10 +27,21 @@ needs_numba_cuda = pytest.mark.skipif(
 )
 
 
+# What all scripts begin with
+BEGIN = """
+import json
+import numpy as np
+from npend_gym import Chain
+
+def report(cases):
+    print(json.dumps({name: differences(*case) for name, case in cases.items()}))
+"""
+
+
 def lines_of(code, cwd=None):
     """Run a script in Numba's simulator of a GPU; return the lines that it prints."""
     environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
-    return run_python("-W", "error", "-c", code, cwd=cwd, env=environment).splitlines()
+    return run_python("-W", "error", "-c", BEGIN + code, cwd=cwd, env=environment).splitlines()
 
 
 def simulated(code):
@@ -51,14 +62,11 @@ def found(tmp_path_factory):
 
 def on_gpu(code):
     """Run a script with Numba as it is."""
-    return json.loads(run_python("-c", code).splitlines()[-1])
+    return json.loads(run_python("-c", BEGIN + code).splitlines()[-1])
 
 
 # Random chains, one a lane, advanced twice: which numbers differ from those of the processor
 COMPARE = """
-import json
-import numpy as np
-from npend_gym import Chain
 from npend_gym.physics import DeviceChains, Ensemble
 
 RNG = np.random.default_rng(8)
@@ -84,9 +92,6 @@ def many_rods(chains):
 def uneven(n, **more):
     values = RNG.uniform(0.5, 2.0, (2, n))
     return Chain(*values, damping=0.1, **more)
-
-def report(cases):
-    print(json.dumps({name: differences(*case) for name, case in cases.items()}))
 """
 POINT_MASSES = """
 report({
@@ -109,9 +114,6 @@ report({
 
 # Chains made with long rods and advanced with parameters of short ones, which need more substeps
 GIVEN = """
-import json
-import numpy as np
-from npend_gym import Chain
 from npend_gym.physics import DeviceChains, Ensemble
 
 short = Chain([1.0, 0.5], [0.02, 0.03], damping=1e-4)
@@ -159,9 +161,6 @@ def test_chains_on_a_gpu_have_the_bits_of_the_processor():
 
 # Random derivatives by the states after a step, taken back: which differ from the processor's
 GRADIENTS = """
-import json
-import numpy as np
-from npend_gym import Chain
 from npend_gym.physics import DifferentiableDeviceChains, DifferentiableEnsemble
 
 RNG = np.random.default_rng(9)
@@ -189,9 +188,6 @@ def differences(chain, size, substeps, names=()):
             row = rows[:, fields.index(name)]
             pairs.append((found.by_parameters[name], row[:, 0] if name == "gravity" else row))
     return int(sum(np.sum(a != b) for a, b in pairs))
-
-def report(cases):
-    print(json.dumps({name: differences(*case) for name, case in cases.items()}))
 """
 OF_POINT_MASSES = """
 names = "masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"
@@ -219,9 +215,6 @@ def test_gradients_in_the_simulator_have_the_bits_of_the_processor(cases):
 
 
 SINGLE = """
-import json
-import numpy as np
-from npend_gym import Chain
 from npend_gym.physics import DeviceChains
 
 chains = DeviceChains(Chain.uniform(2), 3, dtype="float32")
@@ -268,9 +261,7 @@ def test_sines_of_float32_have_the_precision_of_float32():
 
 
 SIMULATE = """
-import json
-import numpy as np
-from npend_gym import Chain, IntegrationError
+from npend_gym import IntegrationError
 from npend_gym.physics import simulate_on_device
 
 chain, theta, times = Chain.uniform(2, damping=0.1), [[0.5, 1.0], [-2.0, 0.1]], [0.0, 0.1, 0.35]
@@ -309,9 +300,6 @@ def test_launches_of_an_interval_take_its_steps_with_the_same_bits(steps):
 
 
 PTX = """
-import json
-import numpy as np
-from npend_gym import Chain
 from npend_gym.physics.gpu import SHORT, adjoint_kernel, kernel_for
 from npend_gym.physics.kernels import threads
 from npend_gym.physics.kernels.link_terms import count_terms
@@ -362,29 +350,21 @@ def test_kernels_compile_for_a_gpu_without_one_and_fuse_no_product_with_a_sum():
 
 
 ERRORS = """
-import json
-import numpy as np
-from npend_gym import Chain
 from npend_gym.physics import DeviceChains
 
 chains, state = DeviceChains(Chain.uniform(2), 3), [np.zeros((3, 2)) for _ in range(3)]
 flags, messages = np.zeros(3), []
-for arguments in (
-    (*state[:2], np.zeros((3, 1)), flags, 0.1), (*state, np.zeros(3, int), 0.1),
-    (*state, flags, -0.1), (*state, flags, 0.1, 0),
+for call in (
+    lambda: chains.advance(*state[:2], np.zeros((3, 1)), flags, 0.1),
+    lambda: chains.advance(*state, np.zeros(3, int), 0.1),
+    lambda: chains.advance(*state, flags, -0.1), lambda: chains.advance(*state, flags, 0.1, 0),
+    lambda: chains.advance(*state, flags, 0.1, parameters=[1]),
+    lambda: DeviceChains(Chain.uniform(2), 3, dtype="float16"),
 ):
     try:
-        chains.advance(*arguments)
+        call()
     except (TypeError, ValueError) as error:
         messages.append(str(error))
-try:
-    chains.advance(*state, flags, 0.1, parameters=[1])
-except TypeError as error:
-    messages.append(str(error))
-try:
-    DeviceChains(Chain.uniform(2), 3, dtype="float16")
-except ValueError as error:
-    messages.append(str(error))
 print(json.dumps(messages))
 """
 
@@ -409,8 +389,7 @@ def test_without_the_extra_the_error_says_what_to_install():
 @needs_numba_cuda
 def test_without_a_gpu_the_error_says_so_and_what_to_do():
     code = (
-        "import json\nfrom numba import cuda\nfrom npend_gym import Chain\n"
-        "from npend_gym.physics import DeviceChains\nmessage = None\n"
+        "from numba import cuda\nfrom npend_gym.physics import DeviceChains\nmessage = None\n"
         "try:\n    DeviceChains(Chain.uniform(2), 2)\n"
         "except RuntimeError as error:\n    message = str(error)\n"
         "print(json.dumps([cuda.is_available(), message]))"
@@ -432,7 +411,7 @@ def test_what_a_gpu_cannot_simulate_is_refused(parts):
 
 
 BENCH = """
-import json, sys
+import sys
 sys.path.insert(0, BENCHMARKS)
 from suites import gpu, timing
 
@@ -467,9 +446,7 @@ def test_without_a_gpu_the_benchmark_measures_nothing_and_says_why():
 
 # Steps and environments of tensors, on the processor and as on a GPU: which numbers differ
 OF_TENSORS = """
-import json
 import torch
-from npend_gym import Chain
 from npend_gym.torch import DifferentiableVectorEnv, DivergedError, device_steps, step
 
 def steps():

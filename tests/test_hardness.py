@@ -1,8 +1,7 @@
 """What an upright chain demands: closed forms, Riccati's equation by SciPy, and simulations."""
 
-import importlib.util
+import importlib
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,7 @@ from npend_gym import Cart, Chain, theory
 from npend_gym.physics import linearise
 from npend_gym.theory.unstable_modes import _count_unstable, with_lag
 
-ROOT = Path(__file__).parent.parent
-RESULTS = ROOT / "docs" / "results" / "hardness.csv"
+RESULTS = Path(__file__).parent.parent / "docs" / "results" / "hardness.csv"
 LIMITS = ("noise", "resolution", "delay", "lag")
 BY_CART = Chain.rods(0.1, 1.0, gravity=9.8, base=Cart(1.0))
 
@@ -39,6 +37,7 @@ def test_the_pole_of_one_rod_is_the_root_of_g_over_l_and_the_delay_root_two_over
     assert found.bits_per_second == pytest.approx(p / math.log(2.0))
     assert found.pole_product == pytest.approx(p)
     assert found.peak_sensitivity(math.pi * p) == pytest.approx(math.e)
+    assert found.peak_sensitivity(1e-3) == math.inf  # exp(11 000)
     assert found.resolution == pytest.approx(found.noise * math.sqrt(12.0))
 
 
@@ -218,6 +217,7 @@ def test_arguments_that_break_a_rule_are_named():
         (lambda: theory.hardness(a, b[:, 0]), "b must have the shape"),
         (lambda: theory.hardness(a, 0.0 * b), "b must drive"),
         (lambda: theory.hardness(a, b, share=1.0), "share must be between"),
+        (lambda: theory.hardness(a, b, share=1e-12), "share must be larger"),
         (lambda: theory.least_action(a, b, seconds=0.1), "seconds must be"),
         (lambda: theory.least_action(a, b, limit=0.0), "limit must be"),
         (lambda: theory.least_action(a, b, delay=-1.0), "delay must be"),
@@ -229,13 +229,8 @@ def test_arguments_that_break_a_rule_are_named():
 @pytest.fixture
 def study():
     """The script that measures in the environment."""
-    path = ROOT / "benchmarks" / "hardness.py"
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    spec = importlib.util.spec_from_file_location("hardness_study", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["hardness_study"] = module
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module("hardness")
 
 
 @pytest.mark.long
@@ -250,7 +245,7 @@ def test_an_upright_chain_with_a_weak_motor_survives_what_the_theory_says(study,
 
 @pytest.mark.long
 def test_the_page_shows_what_was_measured(study):
-    rows = study.read(RESULTS)
+    rows = study.read_rows(RESULTS)
     assert {study.of_row(row) for row in rows} == set(study.cells())
     assert study.table(rows) in study.PAGE.read_text(encoding="utf-8")
     assert len(study.figure(rows).axes) == 2
@@ -260,15 +255,27 @@ def test_the_page_shows_what_was_measured(study):
             assert float(row["theory"]) == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.parametrize("factor", [0.05, 0.4, 1.0, 1.9, 2.1, 30.0])
+def test_halving_finds_a_factor_on_either_side_of_the_theory(study, factor):
+    found = study.found_by_halving(lambda tried: float(tried <= factor))
+    assert found == pytest.approx(factor, rel=0.03)
+
+
+def test_halving_ends_where_all_or_none_survive(study):
+    assert study.found_by_halving(lambda _: 0.0) == 0.0
+    with pytest.raises(ValueError, match="half of the episodes last at 1000 times the theory"):
+        study.found_by_halving(lambda _: 1.0)
+
+
 def test_nothing_is_published_where_rows_are_missing(study, tmp_path, monkeypatch):
     monkeypatch.setattr(study, "DOCS", tmp_path)
     with pytest.raises(SystemExit, match="1 cells must be measured first, such as"):
-        study.publish(study.read(RESULTS)[:-1])
+        study.publish(study.read_rows(RESULTS)[:-1])
     assert not list(tmp_path.iterdir())
 
 
 def test_theory_and_measurement_agree_with_a_weak_motor(study):
-    rows = [row for row in study.read(RESULTS) if row["motor"] != "task"]
+    rows = [row for row in study.read_rows(RESULTS) if row["motor"] != "task"]
     of = {name: [float(row["ratio"]) for row in rows if row["quantity"] == name] for name in LIMITS}
     for name, ratios in of.items():
         apart = [ratio for ratio in ratios if abs(ratio - 1.0) > 0.2]

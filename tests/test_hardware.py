@@ -5,7 +5,8 @@ from unittest.mock import Mock
 import gymnasium as gym
 import numpy as np
 import pytest
-from lanes import actions_for, assert_same, lane, run
+from gymnasium.vector import AutoresetMode
+from lanes import actions_for, assert_same, run
 from oracle import box_muller, numpys_philox, trajectory
 from scipy import signal
 
@@ -139,12 +140,20 @@ def test_torque_noise_is_that_of_the_stream_and_acts_for_a_step():
     np.testing.assert_allclose(omega[:, 0], WHEEL["dt"] * np.cumsum(torque), rtol=1e-12)
 
 
-def test_the_work_of_lag_noise_ripple_and_pushes_is_counted():
-    env = NPendulumVectorEnv(64, n=3, actuated=(0, 2), **EVERYTHING)
+@pytest.mark.parametrize(
+    ("chain", "steps", "bound"),
+    [
+        ({"n": 3, "actuated": (0, 2)}, 200, 2e-4),
+        ({"chain": "realaigym C.1", "actuated": (0, 1)}, 15, 1e-3),
+    ],
+    ids=["bobs", "links"],
+)
+def test_the_work_of_lag_noise_ripple_and_pushes_is_counted(chain, steps, bound):
+    env = NPendulumVectorEnv(64, **chain, **EVERYTHING)
     env.reset(seed=0)
-    for action in actions_for(env, 200):
+    for action in actions_for(env, steps):
         info = env.step(action)[-1]
-    assert np.abs(info["energy_error"]).max() < 2e-4
+    assert np.abs(info["energy_error"]).max() < bound
     assert np.abs(info["energy"]).min() > 0.0
 
 
@@ -254,17 +263,6 @@ def test_noise_leaves_the_starts_of_a_seed_as_they_are():
         assert_same(noisy.reset(seed=4)[1], plain.reset(seed=4)[1])
 
 
-def test_links_with_motors_at_every_joint_can_have_them_all():
-    env = NPendulumVectorEnv(17, chain="realaigym C.1", actuated=(0, 1), **EVERYTHING)
-    alone = NPendulumEnv(chain="realaigym C.1", actuated=(0, 1), **EVERYTHING)
-    actions = actions_for(env, 15)
-    shown = run(env, actions, seed=3)
-    expected = [alone.reset(seed=19)] + [alone.step(action[16]) for action in actions]
-    for ours, theirs in zip(shown, expected, strict=True):
-        assert_same([lane(each, 16) for each in ours], list(theirs))
-    assert np.abs(shown[-1][-1]["energy_error"]).max() < 1e-3
-
-
 def test_the_longest_delays_work():
     env = NPendulumEnv(n=1, observation_delay=100, action_delay=100)
     first, _ = env.reset(seed=0)
@@ -325,34 +323,28 @@ def test_a_push_is_seen_in_the_pictures_of_four_tenths_of_a_second(monkeypatch):
 PUSHED = {"n": 1, "mode": "balance", "push_rate": 20.0, "push_force": 20.0, "render_size": 64}
 
 
-@pytest.mark.parametrize("autoreset_mode", ["NextStep", "SameStep", "Disabled"])
-def test_the_pictures_of_a_lane_are_those_of_a_single_environment(autoreset_mode):
+@pytest.mark.parametrize("autoreset", list(AutoresetMode))
+def test_the_pictures_of_a_lane_are_those_of_a_single_environment(autoreset):
     pytest.importorskip("pygame")
     keywords = PUSHED | {"render_mode": "rgb_array", "max_episode_steps": 3}
-    envs = gym.make_vec("NPendulum-v0", 2, autoreset_mode=autoreset_mode, **keywords)
-    envs.reset(seed=5)
-    singles = [gym.make("NPendulum-v0", **keywords) for _ in range(2)]
-    for k, single in enumerate(singles):
-        single.reset(seed=5 + k)
-    over = np.zeros(2, bool)
+    both = [
+        gym.make_vec("NPendulum-v0", 2, **how, **keywords)
+        for how in (
+            {"autoreset_mode": autoreset},
+            {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": autoreset}},
+        )
+    ]
+    for envs in both:
+        envs.reset(seed=5)
     for t in range(60):
         actions = np.sin(np.array([[t], [2.0 * t]], np.float32))
-        envs.step(actions)
-        for k, (single, action) in enumerate(zip(singles, actions, strict=True)):
-            if over[k] and autoreset_mode == "NextStep":
-                single.reset()
-                over[k] = False
-                continue
-            over[k] = any(single.step(action)[2:4])
-            if over[k] and autoreset_mode == "SameStep":
-                single.reset()
-        if over.any() and autoreset_mode == "Disabled":
-            np.testing.assert_array_equal(envs.render(), [each.render() for each in singles])
-            envs.reset(options={"reset_mask": over})
-            for single in np.array(singles)[over]:
-                single.reset()
-            over[:] = False
-        np.testing.assert_array_equal(envs.render(), [each.render() for each in singles])
+        over, expected = (np.logical_or(*envs.step(actions)[2:4]) for envs in both)
+        np.testing.assert_array_equal(over, expected)
+        np.testing.assert_array_equal(*(envs.render() for envs in both))
+        if over.any() and autoreset is AutoresetMode.DISABLED:
+            for envs in both:
+                envs.reset(options={"reset_mask": over})
+            np.testing.assert_array_equal(*(envs.render() for envs in both))
 
 
 def test_a_trace_begins_with_the_first_step_in_every_render_mode(monkeypatch):

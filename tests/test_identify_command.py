@@ -2,11 +2,11 @@
 
 import json
 import re
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from test_identification import DATA, TRUE, recorded
 
 from npend_gym import Cart, Chain, simulate, theory
 from npend_gym.cli import main
@@ -17,7 +17,6 @@ from npend_gym.identification.parameters import new_model, values_of
 from npend_gym.identification.uncertainty import undetermined
 from npend_gym.report.identification_report import identification_text
 
-DATA = Path(__file__).parent.parent / "examples" / "data"
 GOOD = "".join(f"{0.02 * k:.2f},{np.sin(0.15 * k):.6f}\n" for k in range(60))
 
 
@@ -139,32 +138,28 @@ def test_of_a_chain_that_no_fit_takes_the_columns_that_are_not_read_are_named(
 
 
 @pytest.mark.parametrize(
-    ("columns", "error"),
+    ("given", "error", "message"),
     [
-        ({"q1": "theta0"}, ValueError),
-        ({"theta0": "q1", "theta1": "q1"}, ValueError),
-        ({"time": 3}, TypeError),
-        ("t", TypeError),
+        ({"columns": {"q1": "theta0"}}, ValueError, "columns"),
+        ({"columns": {"theta0": "q1", "theta1": "q1"}}, ValueError, "columns"),
+        ({"columns": {"time": "theta0"}}, ValueError, "column theta0, got 'time, theta0 as time'"),
+        ({"columns": {"time": 3}}, TypeError, "columns"),
+        ({"columns": "t"}, TypeError, "columns"),
+        ({"degrees": "no"}, TypeError, "degrees must be True or False, got 'no'"),
+        ({"relative": "no"}, TypeError, "relative must be True or False, got 'no'"),
     ],
 )
-def test_columns_that_name_nothing_are_refused(columns, error, motion_file):
-    with pytest.raises(error, match="columns"):
-        read_motion(motion_file("time,theta0\n" + GOOD), columns=columns)
-
-
-def test_arguments_that_read_motion_cannot_take_are_refused_by_name(motion_file):
-    path = motion_file("time,theta0\n" + GOOD)
-    for name in ("degrees", "relative"):
-        with pytest.raises(TypeError, match=f"{name} must be True or False, got 'no'"):
-            read_motion(path, **{name: "no"})
-    with pytest.raises(TypeError, match="each of paths must be a string or path-like, got"):
-        read_motion([path, path])
-    with pytest.raises(ValueError, match="the column theta0, got 'time, theta0 as time'"):
-        read_motion(path, columns={"time": "theta0"})
+def test_arguments_that_read_motion_cannot_take_are_refused_by_name(
+    given, error, message, motion_file
+):
+    with pytest.raises(error, match=message):
+        read_motion(motion_file("time,theta0\n" + GOOD), **given)
 
 
 def test_the_pieces_of_several_files_are_numbered_on(motion_file):
     paths = [motion_file("time,theta0\n" + GOOD, name) for name in ("a.csv", "b.csv")]
+    with pytest.raises(TypeError, match="each of paths must be a string or path-like, got"):
+        read_motion(paths)
     with pytest.raises(ValueError, match=r"paths must name each recording once, but .*a\.csv and"):
         read_motion(*paths)
     motion_file("time,theta0\n" + GOOD + "9.0,0.0\n", "b.csv")
@@ -245,20 +240,18 @@ def test_cells_may_stand_in_quotation_marks(motion_file):
         ),
         ("--lengths 1 --held-out 2", "held_out must be a share between 0 and 0.5"),
         ("--chain nosuch", "must be one of"),
+        (
+            "none.csv --lengths 1",
+            "files must be CSV files: none.csv cannot be read: No such file or directory",
+        ),
     ],
 )
-def test_bad_options_are_refused_and_nothing_is_written(
+def test_bad_arguments_are_refused_and_nothing_is_written(
     arguments, message, motion_file, refusal, tmp_path
 ):
     path, out = motion_file("time,theta0\n" + GOOD), tmp_path / "results"
     assert message in refusal("identify", path, *arguments.split(), "--out", str(out))
     assert not out.exists()
-
-
-def test_a_file_that_is_missing_is_a_bad_argument(tmp_path, refusal):
-    path = str(tmp_path / "none.csv")
-    message = f"files must be CSV files: {path} cannot be read: No such file or directory"
-    assert message in refusal("identify", path, "--lengths", "1")
 
 
 def test_degrees_in_place_of_radians_bring_one_line_of_warning(motion_file, capsys):
@@ -391,18 +384,11 @@ def test_masses_centres_and_inertias_are_those_given_unless_they_are_fitted():
 @pytest.mark.long
 @pytest.mark.parametrize("absolute", [True, False])
 def test_angles_of_joints_given_as_absolute_ones_bring_a_warning(absolute, tmp_path, capsys):
-    links = Chain(
-        [0.45, 0.32], [0.30, 0.25], damping=[0.004, 0.003], centres=[0.16, 0.12],
-        inertias=[0.0042, 0.0021], friction=[0.01, 0.008],
-    )  # fmt: skip
-    times, rng = np.arange(0.0, 4.0, 0.01), np.random.default_rng(1)
-    rows = ["piece,time,theta0,theta1"]
-    for piece, start in enumerate(([1.2, -0.5], [-0.8, 1.0], [0.6, 1.5], [1.5, 1.5])):
-        theta = simulate(links, start, 0.0, times).theta + 0.002 * rng.normal(size=(400, 2))
-        given = theta if absolute else np.diff(theta, axis=1, prepend=0.0)
-        rows += [f"{piece},{t},{a},{b}" for t, (a, b) in zip(times, given, strict=True)]
-    (tmp_path / "m.csv").write_text("\n".join(rows))
-    known = ["--lengths", "0.30,0.25", "--masses", "0.45,0.32"]
+    times, theta, piece = recorded(TRUE, 4)
+    given = theta if absolute else np.diff(theta, axis=1, prepend=0.0)
+    rows = [f"{p},{t},{a},{b}" for p, t, (a, b) in zip(piece, times, given, strict=True)]
+    (tmp_path / "m.csv").write_text("\n".join(["piece,time,theta0,theta1", *rows]))
+    known = ["--lengths", "0.2,0.25", "--masses", "0.1,0.15"]
     assert main(["identify", str(tmp_path / "m.csv"), *known]) == 0
     lines = capsys.readouterr().err.splitlines()
     told = any("times better if they are relative to the link above" in line for line in lines)

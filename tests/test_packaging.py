@@ -79,6 +79,14 @@ def test_the_readme_of_the_index_has_no_link_into_a_clone(repository, hook):
     assert bool(hook.addresses(repository)) == bool(repository)
 
 
+def test_an_address_elsewhere_is_refused_and_a_picture_in_a_link_is_absolute(hook):
+    with pytest.raises(ValueError, match="repository must be https://github"):
+        hook.addresses("https://gitlab.com/someone/npend_gym")
+    shown = hook.readme("[![a](docs/a.png)](docs/b.md)", "https://github.com/c/d")
+    at = "https://github.com/c/d"
+    assert shown == f"[![a]({at}/raw/main/docs/a.png)]({at}/blob/main/docs/b.md)"
+
+
 @pytest.mark.skipif(not WORKFLOWS, reason="only a clone has workflows")
 def test_every_python_that_is_named_is_tested_on_every_system():
     named = re.findall(r"Python :: (3\.\d+)\n", "\n".join(PROJECT["classifiers"]) + "\n")

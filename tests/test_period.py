@@ -33,7 +33,6 @@ def test_one_pendulum_has_the_period_of_the_elliptic_integral(reading, theta0, s
 @pytest.mark.parametrize(
     ("n", "reading", "mean"),
     [
-        (1, "link", 2.08625587),
         (2, "link", 2.71757369),
         (2, "bob", 2.71648333),
         (3, "link", 3.22510949),
@@ -51,6 +50,10 @@ def by_frames(chain, theta, reading, duration, dt=1e-3, omega=0.0):
     times = np.arange(0.0, duration, dt)
     path = simulate(chain, theta, omega, times, rtol=1e-12, atol=1e-13)
     signal = path.omega if reading == "link" else path.velocities()[:, :, 0]
+    if reading == "com":  # from the velocities of both ends of each link
+        above = np.insert(signal[:, :-1], 0, 0.0, axis=1)
+        centres = above + (signal - above) * chain.centres / chain.lengths
+        signal = np.tile((centres @ chain.masses)[:, None], chain.n)
     periods = np.full(chain.n, np.nan)
     for i in range(chain.n):
         sign = np.where(np.abs(signal[:, i]) > 1e-5, np.sign(signal[:, i]), 0.0)
@@ -78,14 +81,29 @@ def by_frames(chain, theta, reading, duration, dt=1e-3, omega=0.0):
         pytest.param("link", SPRUNG, 0.6, marks=pytest.mark.long),
         # the bob of a link is its far end
         pytest.param("bob", Chain.preset("realaigym A.0"), 0.6, marks=pytest.mark.long),
+        ("com", UNEVEN, [0.5, 0.4, 0.6, 0.3]),
+        pytest.param(
+            "com", Chain.rods([1.0, 0.4, 2.0], [0.6, 1.0, 0.8], friction=0.01), [0.5, 0.4, 0.6],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            "com", Chain([1.0, 0.4], [0.6, 1.0], stiffness=60.0, axial_damping=0.5), 0.5,
+            marks=pytest.mark.long,
+        ),
     ],
-)
+)  # fmt: skip
 def test_turning_points_are_those_seen_by_close_frames(reading, chain, start):
     dt = 1e-4 if chain.friction.any() else 1e-3  # friction changes its sign within milliseconds
     expected = by_frames(chain, start, reading, 12.0, dt)
     measured = pseudo_periods(chain, start, reading=reading, duration=11.9)
     np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
     assert np.isfinite(measured).sum() >= min(chain.n, 4)
+    assert reading != "com" or np.ptp(measured) == 0.0
+    window = np.nanmean(measured) - 1e-3  # too short for some, or for the one of the "com"
+    seen = pseudo_periods(chain, start, reading=reading, duration=window)
+    completed = np.where(measured < window, measured, np.nan)
+    np.testing.assert_allclose(seen, completed, rtol=0, atol=1e-8)
+    assert np.isnan(seen).any()
 
 
 @pytest.mark.parametrize("speed", [-0.001, -0.005, 0.001])
@@ -109,51 +127,6 @@ def test_whole_turns_of_a_rod_change_no_period():
             for turns in ([0.0, 0.0], [2.0 * np.pi, -2.0 * np.pi])
         ]
         np.testing.assert_allclose(*periods, rtol=0, atol=1e-7)
-
-
-def com_by_frames(chain, start, duration, **options):
-    """The centre of mass by its positions at close frames, roots between them."""
-    times = np.arange(0.0, duration, 1e-3)
-    path = simulate(chain, start, 0.0, times, rtol=1e-12, atol=1e-13, **options)
-    joints = np.concatenate([np.zeros_like(path.positions()[:, :1]), path.positions()], axis=1)
-    out = joints[:, :-1] + np.diff(joints, axis=1) * (chain.centres / chain.lengths)[:, None]
-    x = (out[..., 0] * chain.masses).sum(axis=1)
-    maxima = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:])) + 1
-    k = maxima[0]
-    fit = np.polynomial.Polynomial.fit(times[k - 6 : k + 7], x[k - 6 : k + 7], 8)
-    return brentq(fit.deriv(), times[k - 1], times[k + 1])
-
-
-@pytest.mark.parametrize(
-    ("chain", "start"),
-    [
-        (Chain([1.0, 0.4, 2.0], [0.6, 1.0, 0.8]), [0.5, 0.4, 0.6]),
-        pytest.param(
-            Chain.rods([1.0, 0.4, 2.0], [0.6, 1.0, 0.8], friction=0.01),
-            [0.5, 0.4, 0.6],
-            marks=pytest.mark.long,
-        ),
-        pytest.param(
-            Chain([1.0, 0.4], [0.6, 1.0], stiffness=60.0, axial_damping=0.5),
-            0.5,
-            marks=pytest.mark.long,
-        ),
-    ],
-    ids=["bobs", "links", "springs"],
-)
-def test_the_centre_of_mass_turns_when_its_place_is_extreme(chain, start):
-    periods = pseudo_periods(chain, start, reading="com")
-    assert np.ptp(periods) == 0.0
-    assert periods[0] == pytest.approx(com_by_frames(chain, start, 5.0), abs=1e-7)
-
-
-def test_a_chain_has_one_period_of_its_centre_of_mass_in_every_release():
-    starts = np.linspace(0.2, 0.8, 9)[:, None] * np.ones(4)
-    periods = pseudo_periods(Chain.uniform(4), starts, reading="com")
-    assert periods.shape == (9, 4)
-    assert not np.ptp(periods, axis=1).any()
-    assert np.all(np.diff(periods[:, 0]) > 0.0)
-    assert np.isnan(pseudo_periods(Chain.uniform(4), 0.5, reading="com", duration=1.0)).all()
 
 
 @pytest.mark.parametrize("chain", [Chain.uniform(5), ON_SPRINGS], ids=["bobs", "springs"])
@@ -189,21 +162,6 @@ def test_within_ten_seconds_a_part_of_a_hundred_rods_completes():
 def test_without_a_duration_every_bob_of_the_papers_chains_completes():
     for n in (5, 10, 20, 100):
         assert np.isfinite(pseudo_periods(Chain.uniform(n), np.pi / 4)).all()
-
-
-def test_a_longer_window_changes_nothing_that_was_found():
-    chain = Chain.uniform(8)
-    short = pseudo_periods(chain, 0.7, duration=4.0)
-    long = pseudo_periods(chain, 0.7)
-    found = np.isfinite(short)
-    assert 0 < found.sum() < 8
-    np.testing.assert_allclose(short[found], long[found], rtol=0, atol=1e-9)
-
-
-def test_tolerance_moves_the_periods_by_no_more_than_it_should():
-    chain = Chain.uniform(10)
-    fine = pseudo_periods(chain, 0.7, rtol=1e-12)
-    np.testing.assert_allclose(pseudo_periods(chain, 0.7), fine, rtol=0, atol=1e-8)
 
 
 def test_a_rod_that_first_drifts_the_other_way_is_not_credited_with_it():
@@ -256,11 +214,9 @@ def test_a_chain_without_gravity_or_overdamped_never_completes(chain):
         ({"reading": "listing"}, "is `listing_periods` in paper/estimator.py"),
         ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, "duration must be gi"),
         ({"chain": Chain(1.0, [1.0], centres=0.0, inertias=1.0)}, "duration must .* balanced"),
+        ({"chain": Chain.uniform(3, stiffness=1e22)}, "rigid rods are the limit of stiff springs"),
         ({"omega": 1e200}, "omega must lie within"),
         ({"theta": np.ones((3, 2)), "omega": np.ones((2, 2))}, "^omega must"),
-        ({"theta": np.ones((3, 3))}, "^theta must"),
-        ({"theta": np.ones((0, 2))}, "^theta must"),
-        ({"theta": np.ones((2, 2, 2))}, "^theta must"),
     ],
 )
 def test_bad_arguments_are_refused_with_their_rule(change, message):

@@ -1,7 +1,9 @@
 """Bad arguments are refused at once, by name, before anything large is made."""
 
+import re
 import time
 import tracemalloc
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -23,33 +25,14 @@ NO_ARRAYS = (*NO_NUMBERS, [1.0, [2.0]], [[[1.0, 2.0]]], [], [1.0, 2.0, 3.0], np.
 NO_CHOICES = ("", "no such", 1, b"bob", ["bob"], None, 10**9)
 
 
-def trajectory(**change):
-    arguments = {"chain": Chain.uniform(2), "theta": 0.1, "omega": 0.0, "times": [0.0, 0.1]}
-    return simulate(**(arguments | change))
-
-
-def on_cart(**change):
-    return trajectory(**({"chain": Chain.uniform(2, base=Cart(1.0))} | change))
-
-
-def cart(**change):
-    return Cart(**({"mass": 1.0} | change))
-
-
-def springs(**change):
-    return Chain(**({"masses": 1.0, "lengths": [1.0, 1.0], "stiffness": 1e3} | change))
-
-
-def fixed_step(**change):
-    return trajectory(**({"method": "rk4", "dt": 0.01} | change))
-
-
-def periods(**change):
-    return pseudo_periods(**({"chain": Chain.uniform(2), "theta": 0.1} | change))
-
-
-def two_rods(**keywords):
-    return NPendulumEnv(n=2, **keywords)
+PAIR = Chain.uniform(2)
+trajectory = partial(simulate, chain=PAIR, theta=0.1, omega=0.0, times=[0.0, 0.1])
+on_cart = partial(trajectory, chain=Chain.uniform(2, base=Cart(1.0)))
+fixed_step = partial(trajectory, method="rk4", dt=0.01)
+cart = partial(Cart, mass=1.0)
+springs = partial(Chain, masses=1.0, lengths=[1.0, 1.0], stiffness=1e3)
+periods = partial(pseudo_periods, chain=PAIR, theta=0.1)
+two_rods = partial(NPendulumEnv, n=2)
 
 
 def reset(**option):
@@ -117,7 +100,9 @@ CASES = [
 
 
 @pytest.mark.parametrize(
-    ("call", "name", "values"), CASES, ids=[f"{call.__name__}-{name}" for call, name, _ in CASES]
+    ("call", "name", "values"),
+    CASES,
+    ids=[f"{getattr(call, 'func', call).__name__}-{name}" for call, name, _ in CASES],
 )
 def test_a_bad_value_is_refused_by_name_at_once_and_without_memory(call, name, values):
     tracemalloc.start()
@@ -137,6 +122,7 @@ def test_a_bad_value_is_refused_by_name_at_once_and_without_memory(call, name, v
 @pytest.mark.parametrize(
     ("make", "name"),
     [
+        (lambda: NPendulumEnv(n=1_000_001), "n must be between 1 and 1000000, got 1000001"),
         (lambda: NPendulumVectorEnv(10**7, n=10**5), "num_envs"),
         (lambda: trajectory(chain=Chain.uniform(10**6), times=np.arange(1e5)), "times"),
         (lambda: theory.normal_modes(Chain.uniform(10**6)), "n"),
@@ -163,7 +149,7 @@ def test_the_extremes_that_are_allowed_make_an_env_that_steps(option):
 
 
 LINES = [
-    f"release --{option} {value}"
+    (f"release --{option} {value}", option)
     for option, values in {
         "n": ("nan", "1.5", "-1", "0", "1000000001", "9" * 401, "1,,2", "[1,2]", "1;2"),
         "trials": ("nan", "0.5", "-3", "1000000001", "9" * 401),
@@ -178,41 +164,12 @@ LINES = [
         "reading": ("rod", ""),
     }.items()
     for value in values
-] + ["chaos all", "verify --jsn"]
+] + [("chaos all", "all"), ("verify --jsn", "jsn")]
 
 
-@pytest.mark.parametrize("line", LINES, ids=lambda line: line[:32])
-def test_the_command_line_refuses_in_one_line(line, refusal):
-    arguments = [part.strip('"') for part in line.split(" ")]
-    complaint = refusal(*arguments)
-    named = {"n": r"n_values|\bn\b", "jsn": "jsn"}.get(arguments[1][2:], arguments[1][2:])
-    assert any(name in complaint for name in (named, named.replace("-", "_"), " n ", "--n"))
-
-
-BAD_ACTIONS = [
-    np.array([np.nan, 0.0]), np.array([np.inf, 0.0]), np.array([0.0, -np.inf]), np.zeros(1),
-    np.zeros((2, 1)), np.zeros(3), np.array([1j, 0.0]), np.array(["0", "0"]), "00", None, 0.0,
-    [[0.0], 1.0], {}, object(), np.array([None, 0.0]), np.zeros((0,)),
-    [10**400, 0], np.array(["1e400", "0"], np.longdouble),
-    np.array(["2020", "2021"], "datetime64[D]"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("bad", BAD_ACTIONS, ids=range(len(BAD_ACTIONS)))
-def test_a_bad_action_changes_neither_state_nor_generator_nor_another_lane(bad):
-    pairs = [
-        (gym.make("NPendulum-v0", n=2, actuated=(0, 1)).unwrapped for _ in range(2)),
-        (gym.make_vec("NPendulum-v0", num_envs=3, n=2, actuated=(0, 1)) for _ in range(2)),
-    ]
-    for env, twin in pairs:
-        env.reset(seed=5)
-        twin.reset(seed=5)
-        good = np.full(env.action_space.shape, 0.25)
-        batched = bad if env.action_space.shape == (2,) else [bad, good[1], good[2]]
-        with pytest.raises((ValueError, TypeError), match=r"\baction\b"):
-            env.step(batched)
-        assert_same(env.step(good)[:4], twin.step(good)[:4])
-        np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+@pytest.mark.parametrize(("line", "name"), LINES, ids=[line[:32] for line, _ in LINES])
+def test_the_command_line_refuses_in_one_line(line, name, refusal):
+    assert re.search(rf"\b{name}\b", refusal(*line.split(" ")))
 
 
 NO_SEEDS = (-1, "x", 1.5, True, np.True_, [[1]], [1, 2], np.array(3), np.nan, {}, b"1")
@@ -222,42 +179,55 @@ NO_OPTIONS = (
     {"reset_mask": [True] * 3}, {"reset_mask": np.ones(2, bool)}, {"reset_mask": np.zeros(3, bool)},
     {"theta": [0.1] * 4},
 )  # fmt: skip
-NO_STATES = (None, 3, "state", np.zeros(3), np.zeros(1, [("version", "<u8")]))
+# Of two motors
+NO_ACTIONS = (
+    np.array([np.nan, 0.0]), np.array([np.inf, 0.0]), np.array([0.0, -np.inf]), np.zeros(1),
+    np.zeros((2, 1)), np.zeros(3), np.array([1j, 0.0]), np.array(["0", "0"]), "00", None, 0.0,
+    [[0.0], 1.0], {}, object(), np.array([None, 0.0]), np.zeros((0,)),
+    [10**400, 0], np.array(["1e400", "0"], np.longdouble),
+    np.array(["2020", "2021"], "datetime64[D]"),
+)  # fmt: skip
+NO_ACTIONS_OF_ONE = (np.array([np.nan]), np.array([np.inf]), np.array([-np.inf]), np.zeros(2))
+NO_STATES = (None, 3, "state", np.nan, [1.0], np.zeros(3), np.zeros(1, [("version", "<u8")]))
 
 
 def refused_calls(env):
-    """Calls that must raise a TypeError or ValueError, whatever has happened to `env` before."""
-    yield from (lambda seed=seed: env.reset(seed=seed) for seed in NO_SEEDS)
-    yield from (lambda some=some: env.reset(seed=8, options=some) for some in NO_OPTIONS)
-    yield lambda: env.reset(seed=-1, options={"theta": 0.1})
+    """Calls that must raise an error that names this, whatever has happened to `env` before."""
+    yield from (("seed", partial(env.reset, seed=seed)) for seed in NO_SEEDS)
+    yield from (("options", partial(env.reset, seed=8, options=some)) for some in NO_OPTIONS)
+    yield "seed", partial(env.reset, seed=-1, options={"theta": 0.1})
     if isinstance(env, NPendulumVectorEnv):  # whose lanes are the first axis
-        yield lambda: env.reset(seed=8, options={"theta": [0.1, 0.2]})
-    yield from (lambda state=state: env.set_state(state) for state in NO_STATES)
+        yield "options", partial(env.reset, seed=8, options={"theta": [0.1, 0.2]})
+    yield from (("state", partial(env.set_state, state)) for state in NO_STATES)
 
 
 def refused_after_reset(env):
     """Further ones, which are refused for another reason before the first reset."""
-    actions = None, "0", np.nan, np.zeros(3), [[[0.0]]], {}, -1j
-    yield from (lambda bad=bad: env.step(bad) for bad in actions)
-    yield from (lambda bad=bad: setattr(env, "state", bad) for bad in (None, np.nan, [1.0], "x"))
+    no_actions = NO_ACTIONS_OF_ONE if env.action_space.shape[-1:] == (1,) else NO_ACTIONS
+    yield from (("action", partial(env.step, bad)) for bad in no_actions)
+    if isinstance(env, NPendulumVectorEnv):  # beside good actions of other lanes
+        good = 0 * env.action_space.sample()[1:]
+        yield from (("action", partial(env.step, [bad, *good])) for bad in no_actions)
+    yield from (("state", partial(setattr, env, "state", bad)) for bad in NO_STATES[:-1])
 
 
 @pytest.mark.parametrize("vector", [False, True], ids=["single", "vector"])
 @pytest.mark.parametrize("mode", ["swingup", "passive", "balance", "calm", "transition"])
 def test_a_refused_call_makes_no_legal_one_fail_and_changes_no_bit(mode, vector):
+    motors = {"actuated": (0, 1)} if mode in ("balance", "transition") else {}
+    options = {"n": 2, "mode": mode} | motors
     env, twin = (
-        NPendulumVectorEnv(3, n=2, mode=mode) if vector else NPendulumEnv(n=2, mode=mode)
-        for _ in range(2)
+        NPendulumVectorEnv(3, **options) if vector else NPendulumEnv(**options) for _ in range(2)
     )
-    for call in refused_calls(env):
-        with pytest.raises((TypeError, ValueError), match=r"seed|options|state"):
+    for name, call in refused_calls(env):
+        with pytest.raises((TypeError, ValueError), match=rf"\b{name}\b"):
             call()
         with pytest.raises(gym.error.ResetNeeded):
             env.step(env.action_space.sample())
     np.testing.assert_array_equal(env.reset(seed=3)[0], twin.reset(seed=3)[0])
     env.action_space.seed(1)
-    for call in (*refused_calls(env), *refused_after_reset(env)):
-        with pytest.raises((TypeError, ValueError), match=r"seed|options|state|action"):
+    for name, call in (*refused_calls(env), *refused_after_reset(env)):
+        with pytest.raises((TypeError, ValueError), match=rf"\b{name}\b"):
             call()
         action = env.action_space.sample()
         assert_same(env.step(action)[:4], twin.step(action)[:4])
@@ -278,7 +248,6 @@ def test_a_seed_is_any_integer_of_numpy_too(make):
         assert np.ravel(env.np_random_seed)[0] == 3
 
 
-PAIR = Chain.uniform(2)
 DEGREES = {
     "simulate": lambda: simulate(PAIR, [120, -10], 0.0, [0.0, 0.01]),
     "many motions": lambda: simulate(PAIR, [[0.1, 0.2], [22.5, 0.0]], 0.0, [0.0, 0.01]),
@@ -286,16 +255,12 @@ DEGREES = {
     "ensemble": lambda: physics.Ensemble(PAIR, 2).set_state(0, [30.0, 60.0]),
     "equations": lambda: physics.accelerations(PAIR, [90.0, 45.0], 0.0),
     "amplitude": lambda: gym.make("NPendulum-v0", mode="calm", amplitude=60),
-    "reset": lambda: single().reset(options={"theta": [180, 180]}),
-    "reset, amplitude": lambda: single(mode="calm").reset(options={"amplitude": 60}),
+    "reset": lambda: two_rods().reset(options={"theta": [180, 180]}),
+    "reset, amplitude": lambda: two_rods(mode="calm").reset(options={"amplitude": 60}),
     "reset, lanes": lambda: gym.make_vec("NPendulum-v0", 2).reset(
         options={"theta": [[0.1, 0.2], [180, 0]]}
     ),
 }
-
-
-def single(**keywords):
-    return gym.make("NPendulum-v0", **keywords).unwrapped
 
 
 @pytest.mark.parametrize("case", DEGREES)
@@ -311,7 +276,7 @@ def test_large_angles_of_a_motion_bring_no_warning():  # warnings are errors her
     whirled = simulate(PAIR, [0.1, 0.2], [80.0, 0.0], [0.0, 5.0])
     assert np.abs(whirled.theta).max() > 100.0
     simulate(PAIR, whirled.theta[-1], whirled.omega[-1], [0.0, 0.01])
-    single().reset(options={"theta": whirled.theta[-1], "omega": 0.0})
+    two_rods().reset(options={"theta": whirled.theta[-1], "omega": 0.0})
     simulate(PAIR, [6.0, -3.0], 0.0, [0.0, 0.01])
     simulate(PAIR, [20.0 * np.pi, 0.0], 0.0, [0.0, 0.01])
     simulate(PAIR, 1e4, 0.0, [0.0, 0.01])

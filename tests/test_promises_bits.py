@@ -76,37 +76,31 @@ def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
 
 
 RK4 = {"method": "rk4", "dt": 0.003}
+ONE = np.full(4, 1.0)
+SIX = np.repeat(np.linspace(0.0, 2.5, 6)[:, None], 4, axis=1)  # the first rests, and is done first
 
 
 @pytest.mark.parametrize(
     ("options", "starts"),
     [
-        pytest.param({}, (4,), id="one motion"),
-        pytest.param(RK4, (4,), id="one motion of rk4"),
-        pytest.param({}, (2, 4), id="two side by side"),
+        pytest.param({}, ONE, id="one motion"),
+        pytest.param(RK4, ONE, id="one motion of rk4"),
+        pytest.param({}, SIX, id="six side by side"),
         # kernels of their own take long to compile
-        pytest.param(RK4, (2, 4), id="two side by side of rk4", marks=pytest.mark.long),
+        pytest.param(RK4, SIX, id="six side by side of rk4", marks=pytest.mark.long),
     ],
 )
-def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(
+def test_motions_computed_in_pieces_have_the_bits_of_whole_ones_alone(
     monkeypatch, uneven, options, starts
 ):
-    times, theta = np.linspace(0.0, 2.0, 7), np.full(starts, 1.0)
-    whole = simulate(uneven, theta, 0.5, times, **options)
+    times = np.linspace(0.0, 4.0, 7)
+    whole = [simulate(uneven, start, 0.0, times, **options) for start in np.atleast_2d(starts)]
     monkeypatch.setattr(motion, "RODS_PER_CALL", 20)  # five steps
     monkeypatch.setattr(motion, "RODS_PER_PACK_CALL", 5 * 4 * WIDTH)
-    pieced = simulate(uneven, theta, 0.5, times, **options)
-    np.testing.assert_array_equal(whole.theta, pieced.theta)
-    np.testing.assert_array_equal(whole.omega, pieced.omega)
-
-
-def test_motions_beside_one_that_is_done_have_the_bits_of_motions_alone(monkeypatch, uneven):
-    monkeypatch.setattr(motion, "RODS_PER_PACK_CALL", 5 * 4 * WIDTH)
-    starts = np.repeat(np.linspace(0.0, 2.5, 6)[:, None], 4, axis=1)  # the first takes long steps
-    together = simulate(uneven, starts, 0.0, [0.0, 4.0])
-    alone = [simulate(uneven, start, 0.0, [0.0, 4.0]) for start in starts]
-    np.testing.assert_array_equal(together.theta, [each.theta for each in alone])
-    np.testing.assert_array_equal(together.omega, [each.omega for each in alone])
+    pieced = simulate(uneven, starts, 0.0, times, **options)
+    for found, name in ((pieced.theta, "theta"), (pieced.omega, "omega")):
+        expected = [getattr(each, name) for each in whole]
+        np.testing.assert_array_equal(np.reshape(found, np.shape(expected)), expected)
 
 
 def test_positions_and_energies_do_not_depend_on_numpys_sine(monkeypatch):

@@ -4,7 +4,6 @@ import errno
 import io
 import json
 import os
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -16,6 +15,7 @@ from damage import flipped
 from npend_gym import Chain, Event, Trajectory, simulate
 from npend_gym._files import disk, replacing
 from npend_gym.cli import main
+from npend_gym.rl import Policy
 
 posix = pytest.mark.skipif(os.name != "posix", reason="FIFOs, devices and mounts")
 
@@ -37,59 +37,47 @@ def same(a, b):
     return equal and a.chain == b.chain and a.provenance == b.provenance
 
 
-def test_a_file_cut_anywhere_is_refused_by_its_path(file):
-    whole = file.read_bytes()
+def same_policy(a, b):
+    return a == b  # its numbers and its env
+
+
+@pytest.mark.parametrize(
+    ("name", "load", "equal", "message", "flips"),
+    [
+        ("a.npz", Trajectory.load, same, r"path must name a trajectory.*a\.npz", 300),
+        ("a.safetensors", Policy.load, same_policy, r"a\.safetensors is no policy", 150),
+    ],
+)
+def test_a_file_cut_anywhere_is_refused_and_a_flipped_bit_too_or_it_changes_nothing_that_is_read(
+    name, load, equal, message, flips, path, tmp_path
+):
+    file, rng, refused = tmp_path / name, np.random.default_rng(0), 0
+    (path if name == "a.npz" else Policy.pretrained("balance-1")).save(file)
+    whole, good = file.read_bytes(), load(file)
     for percent in range(100):
         file.write_bytes(whole[: len(whole) * percent // 100])
-        with pytest.raises(ValueError, match=r"path must name a trajectory.*path\.npz"):
-            Trajectory.load(file)
-
-
-def test_of_hundreds_of_flipped_bits_each_is_refused_or_changes_nothing_that_is_read(path, file):
-    whole, rng = file.read_bytes(), np.random.default_rng(0)
-    refused = 0
-    for damaged in flipped(whole, rng.choice(8 * len(whole), 300, replace=False).tolist()):
+        with pytest.raises(ValueError, match=message):
+            load(file)
+    for damaged in flipped(whole, rng.choice(8 * len(whole), flips, replace=False).tolist()):
         file.write_bytes(damaged)
         try:
-            read = Trajectory.load(file)
+            read = load(file)
         except ValueError:
             refused += 1
         else:
-            assert same(read, path)  # a date of the archive, say
-    assert refused > 240
-
-
-def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
-    from npend_gym.rl.policies.files import PRETRAINED, pretrained_names
-    from npend_gym.rl.policies.policy import Policy
-
-    file = tmp_path / "a.safetensors"
-    shutil.copy(PRETRAINED / f"{pretrained_names()[0]}.safetensors", file)
-    whole, rng = file.read_bytes(), np.random.default_rng(0)
-    policy = Policy.load(file)
-    for percent in range(100):
-        file.write_bytes(whole[: len(whole) * percent // 100])
-        with pytest.raises(ValueError, match=r"a\.safetensors is no policy"):
-            Policy.load(file)
-    for damaged in flipped(whole, rng.choice(8 * len(whole), 150, replace=False).tolist()):
-        file.write_bytes(damaged)
-        try:
-            read = Policy.load(file)
-        except ValueError:
-            continue
-        assert read == policy  # its numbers and its env
+            assert equal(read, good)  # a date of the archive, say
+    assert refused > 0.8 * flips
 
 
 @pytest.mark.parametrize(
     "damage",
     [
-        lambda _: b"",
         lambda _: b"PK",
         lambda _: b"times,theta\n",
         lambda whole: whole.replace(b"\n", b"\r\n"),
         lambda whole: b"\xef\xbb\xbf" + whole[:-1],
     ],
-    ids=["empty", "PK", "text", "CRLF", "BOM"],
+    ids=["PK", "text", "CRLF", "BOM"],
 )
 def test_what_is_no_trajectory_is_refused(file, damage):
     file.write_bytes(damage(file.read_bytes()))
@@ -130,7 +118,6 @@ def test_an_archive_that_tells_how_it_was_made_is_read(file):
         {"times": np.zeros((30, 1))},
         {"omega": np.full((30, 2), np.nan)},
         {"theta": np.array([["a"] * 2] * 30)},
-        {"theta": np.array([[None] * 2] * 30)},  # pickled
         {"position": np.zeros(30), "velocity": np.zeros(30)},  # of a pivot: two numbers
         {"counts": np.zeros(2, int)},
         {"times": np.linspace(2.0, 0.0, 30)},

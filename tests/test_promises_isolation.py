@@ -44,17 +44,6 @@ except OSError: pass
 """
 
 
-def run(code, folder, **environment):
-    """Run code in another process, in `folder`, with little of an environment."""
-    kept = ("PATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "NUMBA_CACHE_DIR")
-    around = {name: os.environ[name] for name in kept if name in os.environ}
-    around["PYTHONPATH"] = str(Path(npend_gym.__file__).parent.parent)
-    return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False,
-        stdin=subprocess.DEVNULL, env=around | environment,
-    )  # fmt: skip
-
-
 @pytest.mark.long
 def test_no_connection_is_opened_and_nothing_is_written_outside_the_output(tmp_path):
     matplotlib = pytest.importorskip("matplotlib")
@@ -65,7 +54,13 @@ def test_no_connection_is_opened_and_nothing_is_written_outside_the_output(tmp_p
     caches = [str(kernels), os.environ.get("NUMBA_CACHE_DIR", str(kernels)), fonts]
     allowed = [str(out), *caches, "/dev"]
     settings = {"MPLCONFIGDIR": fonts, "PYTHONDONTWRITEBYTECODE": "1"}
-    done = run(WATCHED.format(allowed=allowed) + WORK, out, **settings)
+    settings["PYTHONPATH"] = str(Path(npend_gym.__file__).parent.parent)
+    kept = ("PATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "NUMBA_CACHE_DIR")
+    settings |= {name: os.environ[name] for name in kept if name in os.environ}
+    done = subprocess.run(
+        [sys.executable, "-c", WATCHED.format(allowed=allowed) + WORK], cwd=out, env=settings,
+        capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     of_work, _, after = done.stderr.partition("THE WORK IS DONE")
     assert "NETWORK" not in of_work

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from npend_gym import Chain, simulate
 from npend_gym.physics import Ensemble
 
-EXAMPLES = 12
 SEEDS, RODS, MEMBERS = st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 70)
 TIGHT = {"rtol": 1e-13, "atol": 1e-15}
 PROPERTIES = {}  # name -> a check, and the strategies of its arguments
@@ -153,11 +152,8 @@ def run(name, cases, seed):
 
 
 @pytest.mark.parametrize("name", PROPERTIES)
-def test_what_must_not_matter_does_not(name):
-    run(name, EXAMPLES, 0)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", PROPERTIES)
-def test_what_must_not_matter_does_not_in_many_cases(name):
-    run(name, 10 * EXAMPLES, 1)
+@pytest.mark.parametrize(
+    ("cases", "seed"), [(12, 0), pytest.param(120, 1, marks=pytest.mark.long)], ids=["few", "many"]
+)
+def test_what_must_not_matter_does_not(name, cases, seed):
+    run(name, cases, seed)

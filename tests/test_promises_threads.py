@@ -1,27 +1,33 @@
 """Two threads in one environment take turns or are refused; pools of threads survive a fork."""
 
+import multiprocessing
 import os
 import sys
 import threading
-import time
 from collections import Counter
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym.envs import EnvInUse, Mode
+from npend_gym.envs import EnvInUse, SwingUp
 
 LANES = 40
 STEPS = 1000
 
 
-def make(lanes):
+def after(steps, lanes):
+    """Return an environment after some steps, and the action of all of them."""
     options = {"n": 2, "substeps": 2, "amplitude": 0.1, "mode": "calm"}
     if lanes is None:
-        return gym.make("NPendulum-v0", **options).unwrapped, np.full(1, 0.4)
-    env = gym.make_vec("NPendulum-v0", lanes, threads=2, max_episode_steps=None, **options)
-    return env, np.linspace(-1.0, 1.0, lanes)[:, None]
+        env, action = gym.make("NPendulum-v0", **options).unwrapped, np.full(1, 0.4)
+    else:
+        env = gym.make_vec("NPendulum-v0", lanes, threads=2, max_episode_steps=None, **options)
+        action = np.linspace(-1.0, 1.0, lanes)[:, None]
+    env.reset(seed=0)
+    for _ in range(steps):
+        env.step(action)
+    return env, action
 
 
 @pytest.fixture
@@ -36,9 +42,7 @@ def quick_switches():
 @pytest.mark.usefixtures("quick_switches")
 @pytest.mark.parametrize("lanes", [None, LANES])
 def test_steps_of_two_python_threads_are_whole_or_refused(lanes):
-    env, action = make(lanes)
-    env.reset(seed=0)
-    env.step(action)
+    env, action = after(1, lanes)
     counted, ready = Counter(), threading.Barrier(2)
 
     def step():
@@ -57,24 +61,18 @@ def test_steps_of_two_python_threads_are_whole_or_refused(lanes):
         thread.start()
     for thread in threads:
         thread.join()
-    other, _ = make(lanes)
-    other.reset(seed=0)
-    for _ in range(1 + counted["done"]):
-        other.step(action)
+    other, _ = after(1 + counted["done"], lanes)
     np.testing.assert_array_equal(env.state, other.state)
     assert counted.total() == 2 * STEPS
     assert counted["refused"] > 0
 
 
-class Waiting(Mode):
+class Waiting(SwingUp):
     """A user's mode in which a step waits to be told to go on."""
 
     def __init__(self):
         self.inside, self.go_on = threading.Event(), threading.Event()
         self.go_on.set()
-
-    def start(self, rng, n, amplitude, spread):  # noqa: ARG002
-        return rng.random(n), np.zeros(n)
 
     def reward(self, quantities):
         self.inside.set()
@@ -118,34 +116,18 @@ def test_calls_during_a_step_of_another_thread_are_refused_by_name(vector):
 
 def in_a_fork(work):
     """Return whether `work` returns True in a forked child within 60 s."""
-    child = os.fork()
-    if child == 0:
-        try:
-            os._exit(0 if work() else 1)
-        finally:
-            os._exit(2)
-    deadline = time.monotonic() + 60.0
-    while time.monotonic() < deadline:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return os.waitstatus_to_exitcode(status) == 0
-        time.sleep(0.01)
-    os.kill(child, 9)
-    os.waitpid(child, 0)
-    return False
+    child = multiprocessing.get_context("fork").Process(target=lambda: os._exit(not work()))
+    child.start()
+    child.join(60.0)
+    child.kill()
+    return child.exitcode == 0
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # Python's, about threads
 def test_an_environment_with_live_threads_works_after_a_fork():
-    env, action = make(LANES)
-    env.reset(seed=0)
-    env.step(action)
-    other, _ = make(LANES)
-    other.reset(seed=0)
-    for _ in range(3):
-        other.step(action)
-    expected = other.state
+    env, action = after(1, LANES)
+    expected = after(3, LANES)[0].state
 
     def step_twice():
         env.step(action)

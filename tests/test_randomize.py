@@ -1,11 +1,9 @@
 """Chains drawn at every start: what is drawn, that it is what moves, and what is refused."""
 
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
-from lanes import actions_for, assert_same
+from lanes import actions_for, assert_same, make_vec
 from oracle import numpys_philox
 
 from npend_gym import Chain, simulate
@@ -37,10 +35,6 @@ LINKS = Chain(
     centres=[0.2, 0.4, -0.1], inertias=[0.02, 0.01, 0.01], friction=[0.1, 0.01, 0.02],
     friction_speed=[0.05, 0.05, 0.1], armature=[0.003, 0.002, 0.001], gear=[4.0, 6.0, -6.0],
 )  # fmt: skip
-
-
-def make_vec(num_envs, **keywords):
-    return gym.make_vec("NPendulum-v0", num_envs=num_envs, **keywords)
 
 
 def chain_of(env, context):
@@ -177,19 +171,6 @@ def test_every_number_drawn_is_the_moving_chains(kind):
         assert energy[k] == pytest.approx(motion.energy()[0] - hanging, rel=1e-9)
     if "lengths" in randomize:
         assert np.ptp([chain.total_length for chain in chains]) > 0.01
-
-
-# -- the same everywhere ----------------------------------------------------------------------
-
-
-def test_a_copy_continues_and_draws_as_the_original():
-    given = {"masses": np.array(FACTORS).tolist(), "damping": {"low": np.zeros(2), "high": 0.1}}
-    env = gym.make("NPendulum-v0", n=2, randomize=given, max_episode_steps=3)
-    env.reset(seed=8)
-    twins = [env, pickle.loads(pickle.dumps(env))]
-    for _ in range(3):
-        assert_same(*(twin.step(np.ones(1, np.float32))[-1] for twin in twins))
-    assert_same(*(twin.reset()[-1] for twin in twins))
 
 
 # -- options ----------------------------------------------------------------------------------

@@ -76,7 +76,7 @@ def test_the_summary_compares_the_mean_with_each_model(runs):
     assert row["ideal_error"] == pytest.approx(abs(measured - row["ideal_s"]) / measured)
 
 
-@pytest.mark.parametrize(
+plans_with_bobs_that_do_not_complete = pytest.mark.parametrize(
     "plan",
     [
         ReleaseExperiment(n_values=(20,), trials=1, duration=5.0),
@@ -84,6 +84,9 @@ def test_the_summary_compares_the_mean_with_each_model(runs):
     ],
     ids=["not yet", "never"],
 )
+
+
+@plans_with_bobs_that_do_not_complete
 def test_bobs_that_do_not_complete_are_left_out_of_the_mean(plan):
     (run,) = run_release(plan)
     done = run.periods[np.isfinite(run.periods)]
@@ -102,13 +105,9 @@ def test_files_hold_the_measured_values_and_the_manifest_their_provenance(runs, 
     written = report.write(SMALL, runs, tmp_path / "a b" / "out", figures=True)
     names = {path.name for path in written}
     assert names == {
-        "release.json",
-        "periods.csv",
-        "summary.csv",
-        "period_against_n.png",
-        "period_of_each_bob.png",
-        "manifest.json",
-    }
+        "release.json", "periods.csv", "summary.csv", "period_against_n.png",
+        "period_of_each_bob.png", "manifest.json",
+    }  # fmt: skip
     folder = tmp_path / "a b" / "out"
     assert {path.name for path in folder.iterdir()} == names
     with (folder / "periods.csv").open(newline="") as file:
@@ -120,8 +119,6 @@ def test_files_hold_the_measured_values_and_the_manifest_their_provenance(runs, 
     assert manifest["provenance"]["arguments"]["seed"] == 7
     assert manifest["provenance"]["arguments"]["n_values"] == [2, 5]
     assert manifest["complete"] is True
-    again = ReleaseExperiment(**json.loads((folder / "release.json").read_text()))
-    assert again.runs() == SMALL.runs()
     for name, digest in manifest["sha256"].items():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
@@ -167,34 +164,30 @@ def test_the_figure_of_bobs_shows_legend_dots_and_bobs_whole_for_a_single_n(n):
     assert axes.get_ylim()[1] > 1.04 * highest
 
 
-def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monkeypatch):
-    report.write(SMALL, runs, tmp_path, figures=False)
-    before = (tmp_path / "periods.csv").read_bytes()
-
-    def full_disk(*_args):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("npend_gym._files.disk.sync", full_disk)
-    with pytest.raises((OSError, ValueError), match="No space left"):
-        report.write(SMALL, runs[:1], tmp_path, figures=False)
-    assert (tmp_path / "periods.csv").read_bytes() == before
-    assert not list(tmp_path.glob(".*"))
-
-
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "error", "message"),
     [
-        ({"n_values": ()}, "n_values must name"),
-        ({"n_values": (2, 3, 2)}, "n_values must name each number once"),
-        ({"amplitude": 0.0}, "amplitude must not be 0"),
-        ({"amplitude": 3.14}, "must stay within pi"),
-        ({"seed": -1}, "seed must be between"),
-        ({"reading": "x"}, "reading must be one of"),
-        ({"lengths": [1.0, 2.0]}, "lengths must be one number or 5 of them"),
+        ({"n_values": ()}, ValueError, "n_values must name"),
+        ({"n_values": (2, 3, 2)}, ValueError, "n_values must name each number once"),
+        ({"n_values": range(1000, -1, -1)}, ValueError, "n must be between 1 and 1000000, got 0"),
+        ({"n_values": 5}, TypeError, "n_values must be a list of integers"),
+        ({"n_values": {2}}, TypeError, "n_values must be a list of integers"),
+        ({"n_values": None}, TypeError, "n_values must be a list of integers"),
+        ({"amplitude": 0.0}, ValueError, "amplitude must not be 0"),
+        ({"amplitude": 3.14}, ValueError, "must stay within pi"),
+        ({"seed": -1}, ValueError, "seed must be between"),
+        ({"reading": "x"}, ValueError, "reading must be one of"),
+        ({"lengths": [1.0, 2.0]}, ValueError, "lengths must be one number or 5 of them"),
+        (
+            {"n_values": [2, 3], "masses": [1.0, 2.0]},
+            ValueError,
+            "masses must be one number or 3 of them for n = 3",
+        ),
+        ({"damping": [0.1, 0.2]}, TypeError, r"damping must be a real number, got \[0.1, 0.2\]"),
     ],
 )
-def test_bad_arguments_are_refused_with_their_rule(change, message):
-    with pytest.raises(ValueError, match=message):
+def test_bad_arguments_are_refused_with_their_rule(change, error, message):
+    with pytest.raises(error, match=message):
         ReleaseExperiment(**change)
 
 
@@ -206,17 +199,6 @@ def test_numpy_integers_describe_the_same_experiment_as_integers():
     assert plan == plain
     found, expected = (report.summary_json(each, run_release(each)) for each in (plan, plain))
     assert json.loads(found)["summary"] == json.loads(expected)["summary"]
-
-
-def test_damping_is_one_number_for_all_joints():
-    with pytest.raises(TypeError, match=r"damping must be a real number, got \[0.1, 0.2\]"):
-        ReleaseExperiment(n_values=[2], damping=[0.1, 0.2])
-
-
-@pytest.mark.parametrize("n_values", [5, {2}, None])
-def test_numbers_of_pendulums_are_a_list(n_values):
-    with pytest.raises(TypeError, match="n_values must be a list of integers"):
-        ReleaseExperiment(n_values=n_values)
 
 
 @pytest.mark.parametrize(
@@ -274,7 +256,3 @@ def test_an_experiment_with_many_numbers_of_rods_is_described_at_once(monkeypatc
     assert len(made) == 1
     ReleaseExperiment(n_values=[2], masses=[1.0, 2.0])
     assert len(made) == 3
-    with pytest.raises(ValueError, match="n must be between 1 and 1000000, got 0"):
-        ReleaseExperiment(n_values=range(1000, -1, -1))
-    with pytest.raises(ValueError, match="masses must be one number or 3 of them for n = 3"):
-        ReleaseExperiment(n_values=[2, 3], masses=[1.0, 2.0])

@@ -29,23 +29,17 @@ def test_samples_of_an_ideal_sensor_approach_the_exact_instants(reading):
         assert away.max() < 3.0 * interval**2
 
 
-def test_samples_see_a_height_that_is_crossed_as_it_is():
-    exact = pseudo_periods(Chain.uniform(5), np.pi / 4, reading="height")
-    run = sensed(5, amplitude=np.pi / 4, reading="height", sensor_interval=0.002)
-    np.testing.assert_allclose(run.periods, exact, atol=1e-5)
-    assert np.isnan(sensed(reading="height", sensor_interval=0.002).periods[0])  # it only touches
-
-
 @pytest.mark.parametrize("start", [0.5, -0.5])
 @pytest.mark.parametrize(
     ("reading", "chain"),
     [
+        ("height", Chain.uniform(5)),
         ("height", Chain([1.0, 1.0], [1.0, 1.0], centres=[-0.5, 1.0], inertias=[1.0, 0.0])),
         ("com", Chain([1.0], [1.0], centres=[-0.5], inertias=[0.1])),
     ],
-    ids=["a bob that first rises", "a centre of mass opposite to the angle"],
+    ids=["heights", "a bob that first rises", "a centre of mass opposite to the angle"],
 )
-def test_samples_of_links_are_read_on_the_side_of_the_exact_reading(reading, chain, start):
+def test_samples_are_read_on_the_side_of_the_exact_reading(reading, chain, start):
     exact = pseudo_periods(chain, start, reading=reading)
     run = sensed(chain.n, chain=chain, amplitude=start, reading=reading, sensor_interval=0.002)
     np.testing.assert_allclose(run.periods, exact, atol=1e-5)
@@ -147,8 +141,9 @@ def test_noise_depends_on_seed_and_trial_and_not_on_the_window():
     np.testing.assert_array_equal(run_release(plan)[1].periods, run.periods)
 
 
-def test_without_gravity_nothing_completes():
+def test_nothing_completes_without_gravity_or_where_a_height_is_only_touched():
     assert np.isnan(sensed(2, gravity=0.0, sensor_interval=0.01).periods).all()
+    assert np.isnan(sensed(reading="height", sensor_interval=0.002).periods[0])
 
 
 @pytest.mark.parametrize(
@@ -182,26 +177,28 @@ def test_the_command_and_its_files_say_by_which_sensor_bobs_were_measured(tmp_pa
     assert "sensor" not in capsys.readouterr().out
 
 
+BALANCED = Chain([1.0, 1.0], [1.0, 1.0], centres=[-1.0, 1.0], inertias=[0.1, 0.0])
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("n", "change", "message"),
     [
-        ({"sensor_offset": 0.1}, "sensor_interval must be given with sensor_noise"),
-        ({"sensor_interval": -1.0}, "sensor_interval must be zero or more"),
-        ({"sensor_interval": 0.1, "sensor_noise": -1.0}, "sensor_noise must be zero or more"),
-        ({"sensor_interval": 0.1, "sensor_scale": 0.0}, "sensor_scale must be greater than zero"),
+        (1, {"sensor_offset": 0.1}, "sensor_interval must be given with sensor_noise"),
+        (1, {"sensor_interval": -1.0}, "sensor_interval must be zero or more"),
+        (1, {"sensor_interval": 0.1, "sensor_noise": -1.0}, "sensor_noise must be zero or more"),
+        (
+            1,
+            {"sensor_interval": 0.1, "sensor_scale": 0.0},
+            "sensor_scale must be greater than zero",
+        ),
+        (
+            2,
+            {"chain": BALANCED, "sensor_interval": 0.01},
+            "duration must be given where .* balanced on its joint",
+        ),
+        (5, {"sensor_interval": 1e-7}, "at most 20000000 samples, got one of 5 bobs every 1e-07"),
     ],
 )
-def test_sensors_that_do_not_exist_are_refused(change, message):
+def test_sensors_that_cannot_measure_are_refused(n, change, message):
     with pytest.raises(ValueError, match=message):
-        ReleaseExperiment(**change)
-
-
-def test_a_sensor_has_no_window_of_its_own_where_a_link_is_balanced():
-    balanced = Chain([1.0, 1.0], [1.0, 1.0], centres=[-1.0, 1.0], inertias=[0.1, 0.0])
-    with pytest.raises(ValueError, match=r"duration must be given where .* balanced on its joint"):
-        sensed(2, chain=balanced, sensor_interval=0.01)
-
-
-def test_more_samples_than_can_be_held_are_refused():
-    with pytest.raises(ValueError, match="at most 20000000 samples, got one of 5 bobs every 1e-07"):
-        sensed(5, sensor_interval=1e-7)
+        sensed(n, **change)

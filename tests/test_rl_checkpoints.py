@@ -93,17 +93,6 @@ def test_a_run_that_was_stopped_ends_as_one_that_was_not(name, tmp_path):
     assert [{k: v for k, v in row.items() if k != "seconds"} for row in resumed] == without
 
 
-def test_a_checkpoint_of_other_settings_or_none_is_refused(tmp_path):
-    trainer, settings = RUNS["shac"]
-    path = tmp_path / "run.checkpoint"
-    with pytest.raises(ValueError, match="there is no checkpoint"):
-        Checkpoint(settings, path, resume=True)
-    with pytest.raises(StoppedError):
-        trainer.train(settings, None, StoppedCheckpoint(settings, path, seconds=0.0))
-    with pytest.raises(ValueError, match="has seed = 0 where this run has 1"):
-        Checkpoint(shac.settings_of("swingup-2", seed=1), path, resume=True)
-
-
 def test_a_checkpoint_that_is_cut_or_has_a_flipped_bit_is_refused(tmp_path):
     run, path = {"weights": torch.arange(50.0)}, tmp_path / "run"
     restored(path, run, {})
@@ -131,14 +120,16 @@ def test_a_checkpoint_that_cannot_be_written_names_the_reason_and_its_file(tmp_p
 
 def test_a_checkpoint_is_of_the_same_keywords_in_any_order_and_names_those_that_differ(tmp_path):
     settings, path = shac.Settings({"n": 1, "damping": 0.1}, hidden=8), tmp_path / "run"
+    with pytest.raises(ValueError, match="there is no checkpoint"):
+        Checkpoint(settings, path, resume=True)
     list(Checkpoint(settings, path, seconds=0.0).rounds({}, 1, None, "round"))
     assert Checkpoint(shac.Settings({"damping": 0.1, "n": 1}, hidden=8), path, resume=True).is_kept
     with pytest.raises(ValueError, match="has ") as caught:
-        Checkpoint(shac.Settings({"n": 2, "gravity": 9.0}, hidden=8), path, resume=True)
+        Checkpoint(shac.Settings({"n": 2, "gravity": 9.0}, seed=1, hidden=8), path, resume=True)
     told, _ = str(caught.value).split(": ")
     assert told == (
-        f"{path} has env n = 1 where this run has 2, env gravity = nothing where this run has 9.0, "
-        "env damping = 0.1 where this run has nothing"
+        f"{path} has seed = 0 where this run has 1, env n = 1 where this run has 2, env gravity = "
+        "nothing where this run has 9.0, env damping = 0.1 where this run has nothing"
     )
 
 
@@ -269,13 +260,13 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
     assert main([*common, "--out", str(tmp_path / "whole")]) == 0
     update, calls = shac.Learner.update, []
 
-    def interrupted(*arguments):
+    def stopped(*arguments):
         calls.append(1)
         if len(calls) == 4:
             raise KeyboardInterrupt
         return update(*arguments)
 
-    monkeypatch.setattr(shac.Learner, "update", interrupted)
+    monkeypatch.setattr(shac.Learner, "update", stopped)
     monkeypatch.setattr(Checkpoint.__init__, "__kwdefaults__", {"resume": False, "seconds": 0.0})
     out = ["--out", str(tmp_path / "two")]
     assert main([*common, *out]) == 130
@@ -290,10 +281,11 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
         np.testing.assert_array_equal(*(arrays[name] for arrays, _ in runs))
 
 
-def test_after_ctrl_c_a_checkpoint_of_another_run_is_no_progress(tmp_path, monkeypatch, capsys):
-    def interrupted(*_):
-        raise KeyboardInterrupt
+def interrupted(*_):
+    raise KeyboardInterrupt
 
+
+def test_after_ctrl_c_a_checkpoint_of_another_run_is_no_progress(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(shac, "train", interrupted)
     (tmp_path / "calm-1.checkpoint").write_bytes(b"of other settings")
     assert main(["train", "calm-1", "--overwrite", "--out", str(tmp_path)]) == 130
@@ -335,9 +327,6 @@ def test_the_command_keeps_the_checkpoint_of_a_policy_that_cannot_be_saved(
 def test_ctrl_c_during_the_final_evaluation_keeps_the_progress_and_says_so(
     tmp_path, monkeypatch, capsys
 ):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
     common = ["train", "calm-1", "--out", str(tmp_path)]
     with monkeypatch.context() as patched:
         patched.setattr("npend_gym.rl.evaluate", interrupted)
@@ -347,13 +336,15 @@ def test_ctrl_c_during_the_final_evaluation_keeps_the_progress_and_says_so(
 
 
 @pytest.mark.usefixtures("quick_training")
-def test_the_checkpoint_of_an_interrupted_run_is_not_replaced_unasked(tmp_path, refusal):
+def test_no_checkpoint_of_an_interrupted_run_and_no_policy_is_replaced_unasked(tmp_path, refusal):
     common, kept = ["train", "calm-1", "--out", str(tmp_path)], tmp_path / "calm-1.checkpoint"
     kept.write_bytes(b"of a longer run")
     assert "give --resume to continue it, or --overwrite to begin again" in refusal(*common)
     assert kept.read_bytes() == b"of a longer run"
     assert main([*common, "--overwrite"]) == 0
     assert not kept.exists()
+    assert "give --overwrite to train it again" in refusal(*common)
+    assert main([*common, "--overwrite"]) == 0
 
 
 @pytest.mark.usefixtures("quick_training")

@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 from policy_files import random_policy, save_changed
 
-import npend_gym  # noqa: F401  registers the environments
-from npend_gym.rl import Policy, evaluate
+from npend_gym.rl import Policy
 
 K, LENGTH = 6, 3
 
@@ -71,13 +70,6 @@ def test_one_environment_of_many_begins_alone():
         np.testing.assert_allclose(actions[-1][lane], expected, atol=1e-5)
 
 
-def test_two_evaluations_of_a_policy_with_memory_agree():
-    policy = policy_with_memory()
-    keywords = policy.env | {"max_episode_steps": 20}
-    first, second = (evaluate(policy, keywords, episodes=4).returns for _ in range(2))
-    np.testing.assert_array_equal(first, second)
-
-
 @pytest.mark.parametrize("with_info", [False, True])
 def test_a_policy_with_memory_acts_in_a_single_environment(with_info):
     policy, of_many = policy_with_memory(), policy_with_memory()
@@ -117,17 +109,6 @@ def test_without_a_time_the_beginning_of_an_episode_is_left_to_reset():
         policy.reset(2)
     for observation in np.random.default_rng(3).normal(size=(5, 2, K)).astype(np.float32):
         np.testing.assert_array_equal(bare(observation, {}), without(observation))
-
-
-def test_a_saved_policy_with_memory_remembers_as_long_when_it_is_loaded(tmp_path):
-    policy = policy_with_memory()
-    policy.save(tmp_path / "a.safetensors")
-    again = Policy.load(tmp_path / "a.safetensors")
-    observations = np.random.default_rng(3).normal(size=(5, 2, K)).astype(np.float32)
-    for each in (policy, again):
-        each.reset(2)
-    for observation in observations:
-        np.testing.assert_array_equal(policy(observation), again(observation))
 
 
 @pytest.mark.parametrize("shape", [(LENGTH, 1), (0, K + 1), (LENGTH, K + 2), (1, LENGTH, K + 1)])

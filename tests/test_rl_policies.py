@@ -7,24 +7,8 @@ from policy_files import random_policy, small_policy
 
 from npend_gym import Chain, rl
 from npend_gym.envs import EnvConfig
-from npend_gym.envs.modes import SwingUp
 from npend_gym.rl import Policy, evaluate, observation_of, pretrained_names
 from npend_gym.rl.training.tasks import env_of_task
-
-
-def test_a_policy_computes_the_same_as_pytorchs_network():
-    torch = pytest.importorskip("torch")
-    policy = small_policy()
-    layers = []
-    for weight, bias in zip(policy.weights, policy.biases, strict=True):
-        layer = torch.nn.Linear(weight.shape[1], weight.shape[0])
-        layer.weight.data, layer.bias.data = torch.from_numpy(weight), torch.from_numpy(bias)
-        layers += [layer, torch.nn.Tanh()]
-    obs = np.random.default_rng(1).normal(size=(50, 6)).astype(np.float32)
-    with torch.no_grad():
-        expected = torch.nn.Sequential(*layers[:-1])(torch.from_numpy(obs / 2.0)).clamp(-1.0, 1.0)
-    np.testing.assert_allclose(policy(obs), expected.numpy(), atol=1e-6)
-    assert 0 < np.sum(np.abs(policy(obs)) < 1.0) < 50  # some are clipped, some are not
 
 
 @pytest.mark.parametrize(("given", "message"), [
@@ -58,12 +42,9 @@ def test_scalars_and_arrays_of_numpy_do_not_change_what_a_policy_computes(kind, 
         np.testing.assert_array_equal(each(obs), expected)
 
 
-def test_keywords_are_kept_as_plain_values_or_refused_by_name(tmp_path):
+def test_keywords_of_numpy_are_kept_as_plain_values(tmp_path):
     path, policy = tmp_path / "policy.safetensors", small_policy()
     replace(policy, env=policy.env | {"dt": np.float64(0.05), "n": np.int64(2)}).save(path)
-    assert Policy.load(path).env["n"] == 2
-    with pytest.raises(TypeError, match=r"^env and provenance must hold what JSON can"):
-        replace(policy, env=policy.env | {"mode": SwingUp()}).save(path)
     assert Policy.load(path).env["n"] == 2
 
 
@@ -118,16 +99,13 @@ def test_an_ensemble_clips_the_mean_and_not_each_output():
     weighted = rl.ensemble(constant, weights=[1, 3])
     np.testing.assert_allclose(weighted(np.zeros(6, np.float32)), [-0.75])
     assert "training" not in weighted.provenance  # of which nothing is known
-    for weights, rule in (([1, 1, 1], "an array of shape"), ([1, 0], "greater than zero")):
+    for weights, rule in (
+        ([1, 1, 1], "an array of shape"),
+        ([1, 0], "greater than zero"),
+        (2.0, r"an array of shape \(2,\), .* shape \(\)"),
+    ):
         with pytest.raises(ValueError, match=f"weights must be .*{rule}"):
             rl.ensemble(constant, weights=weights)
-
-
-def test_an_ensemble_refuses_one_weight_for_all_policies():
-    with pytest.raises(
-        ValueError, match=r"weights must be an array of shape \(2,\), .* shape \(\)"
-    ):
-        rl.ensemble([small_policy()] * 2, weights=2.0)
 
 
 @pytest.mark.parametrize(
@@ -172,10 +150,7 @@ def test_a_policy_may_observe_one_number_of_each_rod(tmp_path):
 def test_policies_are_equal_where_their_numbers_and_their_environments_are(tmp_path):
     policy = small_policy()
     policy.save(str(tmp_path / "a.safetensors"))
-    assert [file.name for file in tmp_path.iterdir()] == ["a.safetensors"]
-    loaded = Policy.load(tmp_path / "a.safetensors")
-    assert loaded.provenance == policy.provenance
-    assert Policy.load(str(tmp_path / "a.safetensors")) == policy
+    loaded = Policy.load(str(tmp_path / "a.safetensors"))
     assert policy == loaded == replace(policy, provenance={})
     assert hash(policy) == hash(loaded)
     assert loaded in [small_policy(), replace(policy, env={})]
@@ -191,21 +166,11 @@ def test_policies_are_equal_where_their_numbers_and_their_environments_are(tmp_p
     assert policy != "swingup-1"
     copied = {"chain": Chain.from_dict(chain.as_dict()), "observation": "sincos"}
     assert others[-1] == replace(policy, env=copied)
-    arrays = (
+    first, same, different = (
         replace(policy, env=policy.env | {"masses": np.array([1.0, mass])})
         for mass in (2.0, 2.0, 3.0)
     )
-    first, same, different = arrays
     assert first == same != different
-
-
-def test_the_chain_of_a_policys_environment_is_kept_as_numbers(tmp_path):
-    chain = Chain.realaigym("C.1")
-    replace(small_policy(), env={"chain": chain, "actuated": [1], "observation": "sincos"}).save(
-        tmp_path / "a.safetensors"
-    )
-    env = Policy.load(tmp_path / "a.safetensors").env
-    assert EnvConfig(**env).chain == chain
 
 
 def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
@@ -381,13 +346,47 @@ def test_every_judge_refuses_a_seed_that_is_none_and_environments_of_others(judg
     for env in (*ids, {"id": "CartPole-v1", "n": 1}):
         with pytest.raises(TypeError, match=r"env must be an id .* got '(CartPole|Pendulum)-v1'"):
             judge(policy, env)
+    for env in (None, 3, gym.make_vec("CartPole-v1", num_envs=2)):
+        with pytest.raises(TypeError, match=r'env must be an id such as "npend/SwingUp-v1"'):
+            judge(policy, env)
 
 
 @pytest.mark.parametrize("judge", JUDGES)
-def test_no_score_judges_a_policy_on_observations_that_are_not_its_own(judge):
-    policy = Policy.pretrained("swingup-2")
-    with pytest.raises(ValueError, match=r"must be 'sincos'.*got 'scaled'.*policy\.env \|"):
-        judge(policy, {"id": "npend/SwingUp-v1", "n": 2})
+@pytest.mark.parametrize("model", ["swingup-2", lambda observation: observation, np.float64(1.0)])
+def test_every_judge_refuses_a_model_that_takes_no_observation_and_info(judge, model):
+    with pytest.raises(TypeError, match=r"model must be callable as model\(observation, info\)"):
+        judge(model, {"n": 1})
+
+
+ACROBOT = Policy.pretrained("swingup-2-acrobot").env
+
+
+@pytest.mark.parametrize("judge", JUDGES)
+@pytest.mark.parametrize(
+    ("name", "env", "message"),
+    [
+        (
+            "swingup-2", {"id": "npend/SwingUp-v1", "n": 2},
+            r"must be 'sincos'.*got 'scaled'.*policy\.env \|",
+        ),
+        (
+            "swingup-2-acrobot", ACROBOT | {"actuated": (0,)},
+            r"actuated must be \(1,\), .* got \(0,\): .* policy\.env",
+        ),
+        (
+            "swingup-2-acrobot", ACROBOT | {"actuated": (0, 1)},
+            r"actuated must be \(1,\), .* got \(0, 1\): .* policy\.env",
+        ),
+        (
+            "swingup-2", {"n": 2, "observation": "sincos", "torque_levels": 3},
+            "torque_levels must be left out for a policy",
+        ),
+    ],
+    ids=["observation", "another motor", "two motors", "discrete actions"],
+)  # fmt: skip
+def test_no_judge_takes_a_policy_to_an_environment_unlike_its_own(judge, name, env, message):
+    with pytest.raises(ValueError, match=message):
+        judge(Policy.pretrained(name), env)
 
 
 @pytest.mark.parametrize("name", ["evaluate", "performance", "recovery", "robustness"])

@@ -10,6 +10,8 @@ import pytest
 from policy_files import header, random_policy, save_changed, small_policy
 from safetensors.numpy import load_file
 
+from npend_gym import Chain
+from npend_gym.envs import SwingUp
 from npend_gym.rl import Policy, pretrained_names
 from npend_gym.rl.policies.files import MAX_BYTES, PRETRAINED
 
@@ -38,35 +40,31 @@ def test_a_policy_that_ships_is_small_and_saved_again_has_the_same_bytes(name, t
     assert len(zlib.compress(shipped)) < largest * networks
 
 
-@pytest.mark.parametrize("change", [np.asfortranarray, lambda x: x.repeat(2, -1)[..., ::2]])
-def test_arrays_in_any_memory_are_saved_by_their_values(change, tmp_path):
+@pytest.mark.parametrize(
+    "change",
+    [
+        np.asfortranarray,
+        lambda x: x.repeat(2, -1)[..., ::2],
+        lambda x: x.astype(">f4"),
+        lambda x: x.astype(np.float64),
+    ],
+    ids=["columns", "every other", "big-endian", "float64"],
+)
+def test_arrays_of_any_type_in_any_memory_are_saved_by_their_values(change, tmp_path):
     policy = small_policy()
     weights = [change(weight) for weight in policy.weights]
-    assert not weights[0].flags.c_contiguous
-    for name, each in {"a": policy, "b": small_policy(weights=weights)}.items():
+    changed = small_policy(scale=change(policy.scale), weights=weights)
+    for name, each in {"a": policy, "b": changed}.items():
         each.save(tmp_path / f"{name}.safetensors")
     assert Policy.load(tmp_path / "b.safetensors") == policy
     found = [(tmp_path / f"{name}.safetensors").read_bytes() for name in "ab"]
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize("kind", [">f4", np.float64])
-def test_numbers_of_another_type_are_saved_by_their_values(kind, tmp_path):
-    policy = small_policy()
-    weights = [weight.astype(kind) for weight in policy.weights]
-    small_policy(scale=policy.scale.astype(kind), weights=weights).save(tmp_path / "a.safetensors")
-    assert Policy.load(tmp_path / "a.safetensors") == policy
-
-
-@pytest.mark.parametrize("place", ["numbers", "description"])
-def test_damage_that_gives_another_policy_is_noticed(place, tmp_path):
+def test_damage_that_gives_another_description_is_noticed(tmp_path):
     path = tmp_path / "a.safetensors"
     small_policy(provenance={"seed": 17}).save(path)
-    whole = path.read_bytes()
-    if place == "numbers":
-        path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
-    else:
-        path.write_bytes(whole.replace(b"17", b"18"))
+    path.write_bytes(path.read_bytes().replace(b"17", b"18"))
     with pytest.raises(ValueError, match=r"a\.safetensors is no policy: it is damaged"):
         Policy.load(path)
 
@@ -176,14 +174,18 @@ WIDE = {
 }
 
 
+OWN_MODE = {"env": {"n": 2, "mode": SwingUp(), "observation": "sincos"}}
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
         (WIDE, ValueError, f"a policy must have at most {MAX_BYTES} bytes, got 2"),
         ({"provenance": {"x": nested(40)}}, ValueError, "^env and provenance .*deeper than 32"),
         ({"provenance": {"x": np.nan}}, TypeError, "^env and provenance must hold what JSON can"),
+        (OWN_MODE, TypeError, "^env and provenance must hold what JSON can"),
     ],
-    ids=["large", "deep", "NaN"],
+    ids=["large", "deep", "NaN", "mode"],
 )
 def test_a_policy_that_could_not_be_read_again_is_not_written(changes, error, message, tmp_path):
     with pytest.raises(error, match=message):
@@ -191,15 +193,23 @@ def test_a_policy_that_could_not_be_read_again_is_not_written(changes, error, me
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("gear", [np.inf, [np.inf], np.array([-np.inf])])
-def test_a_policy_for_a_chain_with_an_infinite_gear_ratio_is_saved(gear, tmp_path):
-    chain = {"masses": [1.0], "lengths": [1.0], "armature": 0.1, "gear": gear}
-    env = {"chain": chain, "observation": "sincos"}
-    policy = random_policy([(4, 3), (1, 4)], env)
+INFINITE = {"masses": [1.0], "lengths": [1.0], "armature": 0.1}
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        *(INFINITE | {"gear": gear} for gear in (np.inf, [np.inf], np.array([-np.inf]))),
+        Chain.rods(1.0, 0.7, friction=0.1),
+    ],
+    ids=["inf", "[inf]", "array", "Chain"],
+)
+def test_the_chain_of_a_policys_environment_is_saved(chain, tmp_path):
+    policy = random_policy([(4, 3), (1, 4)], {"chain": chain, "observation": "sincos"})
     policy.save(tmp_path / "a.safetensors")
     again = Policy.load(tmp_path / "a.safetensors")
     assert again == policy
-    assert again.config.chain == policy.config.chain
+    assert again.config.chain == (chain if isinstance(chain, Chain) else Chain.from_dict(chain))
 
 
 HUGE = 3e38

@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import CRITERIA, HELD_OUT, Criterion, Policy, Pushes, lqr, robustness

@@ -11,7 +11,7 @@ import pytest
 
 import npend_gym
 from npend_gym import Chain
-from npend_gym.envs import SwingUp
+from npend_gym.envs import EnvConfig, SwingUp
 from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.evaluation.performance import _most
@@ -22,10 +22,6 @@ pytestmark = pytest.mark.long  # kernels of links take long to compile
 
 RESULTS = Path(__file__).parents[1] / "benchmarks" / "results" / "realaigym.csv"
 STRONG = {"n": 2, "mode": "swingup", "actuated": (0, 1), "max_torque": 60.0, "dt": 0.02}
-
-
-def config_of(**keywords):
-    return gym.make("NPendulum-v0", **keywords).unwrapped.config
 
 
 def trajectory(controller, keywords, seconds):
@@ -49,7 +45,7 @@ def trajectory(controller, keywords, seconds):
 
 
 def test_the_criteria_are_those_of_their_definitions():
-    controller = lqr(config_of(**STRONG), action_weight=10.0)
+    controller = lqr(EnvConfig(**STRONG), action_weight=10.0)
     found = performance(controller, STRONG, episodes=1, seconds=4.0)
     t, q, v, u, tip = trajectory(controller, STRONG, 4.0)
     dt = np.diff(t)[:, None]
@@ -66,14 +62,14 @@ def test_the_criteria_are_those_of_their_definitions():
     }
     for name, value in expected.items():
         assert getattr(found, name)[0] == pytest.approx(value, rel=1e-6), name
-    most = _most(config_of(**STRONG))
+    most = _most(EnvConfig(**STRONG))
     costs = [np.tanh(np.pi * expected[name] / most[name]) for name in most]
     assert found.score[0] == pytest.approx(1.0 - sum(costs) / 5.0)
 
 
 def test_their_robot_is_judged_by_their_constants_and_a_similar_chain_alike():
     robot = Chain.realaigym("C.1", motors=False)
-    most = _most(config_of(chain=robot))
+    most = _most(EnvConfig(chain=robot))
     assert most == pytest.approx(
         {"swing_up_time": 20.0, "energy": 60.0, "torque_cost": 20.0, "smoothness": 0.1,
          "velocity_cost": 400.0}
@@ -86,7 +82,7 @@ def test_their_robot_is_judged_by_their_constants_and_a_similar_chain_alike():
     small = {"chain": robot, "mode": "swingup", "actuated": (0, 1), "max_torque": 10.0, "dt": 0.01}
     large = small | {"chain": larger, "max_torque": 40.0, "dt": 0.02}
     scores = [
-        performance(lqr(config_of(**k), action_weight=1.0), k, episodes=3, seconds=s)
+        performance(lqr(EnvConfig(**k), action_weight=1.0), k, episodes=3, seconds=s)
         for k, s in ((small, 3.0), (large, 6.0))
     ]
     assert scores[0].success.all()
@@ -102,7 +98,7 @@ def test_a_chain_that_falls_again_or_never_rises_scores_nothing():
 
 
 def test_without_knock_downs_the_chain_is_up_from_its_swing_up_on():
-    controller = lqr(config_of(**STRONG), action_weight=10.0)
+    controller = lqr(EnvConfig(**STRONG), action_weight=10.0)
     swung = performance(controller, STRONG, episodes=3, seconds=6.0)
     up = recovery(controller, STRONG, episodes=3, seconds=6.0, resets=0)
     # the swing-up time is known to a step of the environment, of 0.02 s
@@ -110,7 +106,7 @@ def test_without_knock_downs_the_chain_is_up_from_its_swing_up_on():
 
 
 def test_knock_downs_cost_time_and_a_chain_that_never_rises_is_never_up():
-    controller = lqr(config_of(**STRONG), action_weight=10.0)
+    controller = lqr(EnvConfig(**STRONG), action_weight=10.0)
     up = recovery(controller, STRONG, episodes=3, seconds=20.0, resets=5)
     calm = recovery(controller, STRONG, episodes=3, seconds=20.0, resets=0)
     assert np.all(up.uptime < calm.uptime)
@@ -120,7 +116,7 @@ def test_knock_downs_cost_time_and_a_chain_that_never_rises_is_never_up():
 
 
 def test_knock_downs_come_as_often_and_as_long_as_asked_for():
-    knocks = KnockDowns(config_of(**STRONG), 0.002, 30_000, 40, count=15, seconds=0.2, seed=0)
+    knocks = KnockDowns(EnvConfig(**STRONG), 0.002, 30_000, 40, count=15, seconds=0.2, seed=0)
     begins = np.diff(knocks.acts.astype(int), axis=0) == 1
     assert begins.sum(axis=0).tolist() == [15] * 40
     assert set(knocks.acts.sum(axis=0).tolist()) <= set(range(15 * 100 - 15, 15 * 100 + 16))
@@ -145,7 +141,7 @@ class PID:
 
 def test_motors_turn_joints_as_realaigyms_controller_does():
     chain = Chain.realaigym("C.1", motors=False)
-    config = config_of(chain=chain, max_torque=6.0)
+    config = EnvConfig(chain=chain, max_torque=6.0)
     turner, joints, rng = Turner(config, 1, 0.002), [PID(), PID()], np.random.default_rng(0)
     seen = set()
     for goal in rng.uniform(-np.pi, np.pi, (3, 2)):
@@ -166,7 +162,7 @@ def test_motors_turn_joints_as_realaigyms_controller_does():
 
 
 def test_a_joint_that_has_turned_twice_is_turned_back_twice():
-    turner = Turner(config_of(n=1, max_torque=1.0), 2, 0.002)
+    turner = Turner(EnvConfig(n=1, max_torque=1.0), 2, 0.002)
     theta = np.array([[4.0 * np.pi], [-4.0 * np.pi]])
     torque = turner(np.array([[0.1], [-0.1]]), theta, np.array([True, True]))
     np.testing.assert_allclose(torque, [[-1.0], [1.0]], atol=1e-9)
@@ -224,9 +220,9 @@ def test_names_and_folder_are_checked_before_episodes_in_realaigyms_simulator(
 
 
 def test_delays_and_noise_of_a_controllers_environment_are_kept():
-    config = config_of(**STRONG, substeps=25, observation_delay=1.5, torque_noise=0.1)
+    config = EnvConfig(**STRONG, substeps=25, observation_delay=1.5, torque_noise=0.1)
     shorter = _divided(STRONG | {"max_episode_steps": 30}, config, 10)
-    small = config_of(**{k: v for k, v in shorter.items() if k != "max_episode_steps"})
+    small = EnvConfig(**{k: v for k, v in shorter.items() if k != "max_episode_steps"})
     assert small.dt * small.observation_delay == pytest.approx(config.dt * config.observation_delay)
     # the noise of a long step is the mean of that of its short ones
     assert small.torque_noise / np.sqrt(10) == pytest.approx(config.torque_noise)
@@ -237,7 +233,7 @@ CART = {"n": 1, "mode": "balance", "base": "cart", "cart_mass": 1.0, "rail": 2.4
 
 
 def test_the_energy_on_a_cart_is_the_work_of_its_force():
-    controller, episodes = lqr(config_of(**CART)), 3
+    controller, episodes = lqr(EnvConfig(**CART)), 3
     found = performance(controller, CART, episodes=episodes, seconds=2.0)
     steps = CART | {"max_episode_steps": 100}
     work = evaluate(controller, steps, episodes=episodes).motor_work
@@ -247,14 +243,14 @@ def test_the_energy_on_a_cart_is_the_work_of_its_force():
 
 
 def test_a_cart_that_balances_is_up_until_it_is_knocked_down():
-    controller = lqr(config_of(**CART))
+    controller = lqr(EnvConfig(**CART))
     assert recovery(controller, CART, episodes=2, seconds=4.0, resets=0).score == 1.0
     assert 0.0 < recovery(controller, CART, episodes=2, seconds=4.0, resets=2).score < 0.9
 
 
 def test_a_regulator_balances_with_few_torques():
     keywords = {"n": 1, "mode": "balance", "torque_levels": 31}
-    found = evaluate(lqr(config_of(**keywords)), keywords, episodes=5)
+    found = evaluate(lqr(EnvConfig(**keywords)), keywords, episodes=5)
     assert found.success_rate == 1.0
 
 
@@ -270,7 +266,7 @@ class Standing(SwingUp):
 
 def uptime(controller, keywords, seconds=10.0, episodes=20):
     """The fraction of the time for which the tip is up, in the environment itself."""
-    config = config_of(**keywords)
+    config = EnvConfig(**keywords)
     envs = gym.make_vec("NPendulum-v0", num_envs=episodes, **keywords)
     observation, info = envs.reset(seed=HELD_OUT)
     up, steps = 0.0, round(seconds / config.dt)
@@ -282,13 +278,13 @@ def uptime(controller, keywords, seconds=10.0, episodes=20):
 
 @pytest.mark.parametrize("error", [{"torque_ripple": 2.0}, {"torque_noise": 3.0}])
 def test_motors_that_only_stand_for_disturbances_are_exact(error):
-    controller, keywords = lqr(config_of(n=2)), {"n": 2, "mode": Standing()} | error
+    controller, keywords = lqr(EnvConfig(n=2)), {"n": 2, "mode": Standing()} | error
     found = recovery(controller, keywords, episodes=5, seconds=10.0, resets=0).score
     assert found == uptime(controller, keywords) == 1.0
 
 
 def test_pushes_keep_their_impulse_in_recovery():
-    controller = lqr(config_of(n=2))
+    controller = lqr(EnvConfig(n=2))
     keywords = {"n": 2, "mode": Standing(), "push_rate": 2.0, "push_force": 10.0}
     found = recovery(controller, keywords, episodes=20, seconds=10.0, resets=0).score
     assert found == pytest.approx(uptime(controller, keywords), abs=0.1)

@@ -7,16 +7,23 @@ import pytest
 from npend_gym import Cart, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import SwingUp
-from npend_gym.rl import evaluate
+from npend_gym.rl import evaluate, recovery
 
 torch = pytest.importorskip("torch")
+
+from npend_gym.rl.training.keywords import with_wider_ranges  # noqa: E402
+from npend_gym.rl.training.shac import Learner, Settings, settings_of, train  # noqa: E402
+from npend_gym.rl.training.short_horizons import (  # noqa: E402
+    Collector,
+    TensorTask,
+    knocked_down,
+)
+from npend_gym.rl.training.tasks import env_of_task  # noqa: E402
+from npend_gym.torch import DifferentiableVectorEnv  # noqa: E402
 
 
 def made(**changes):
     """Return settings, configuration, task, collector and learner of a small run."""
-    from npend_gym.rl.training.shac import Learner, settings_of
-    from npend_gym.rl.training.short_horizons import Collector, TensorTask
-
     small = {"num_envs": 4, "horizon": 6, "batch_size": 8, "total_timesteps": 48}
     settings = settings_of("swingup-2", **(small | changes))
     torch.manual_seed(settings.seed)
@@ -29,8 +36,6 @@ def made(**changes):
 @pytest.mark.long  # the kernels of gradients take long to compile
 def test_the_gradient_along_the_jacobians_is_that_through_the_environment():
     """Taken again by the actor that took it, a horizon and its gradient are the simulated ones."""
-    from npend_gym.torch import DifferentiableVectorEnv
-
     settings, _, task, collector, learner = made()
     horizons = collector.collect(learner.actor, exploration=0.0)
     states, outputs, near = learner.replay(horizons)
@@ -63,8 +68,6 @@ def test_a_horizon_ends_where_its_jacobians_no_longer_hold():
 
 
 def test_a_share_of_the_reward_is_for_a_tip_where_recovery_counts_it_as_up():
-    from npend_gym.rl.training.short_horizons import TensorTask
-
     config = EnvConfig(n=2, mode="swingup", observation="sincos")
     usual, other = (TensorTask(config, 0.9, (1.0, 1.0, 5.0), share) for share in (0.0, 0.7))
     angles = np.arccos(-np.array([-1.0, 0.7, 0.9, 1.0]))  # of both rods: the tip in lengths
@@ -88,10 +91,8 @@ def test_a_share_of_the_reward_is_for_a_tip_where_recovery_counts_it_as_up():
     ({"tau": 3.0}, "tau must lie from 0 to 1, got 3.0"),
 ])  # fmt: skip
 def test_settings_that_cannot_teach_are_refused_by_name(changes, message):
-    from npend_gym.rl.training import shac
-
     with pytest.raises(ValueError, match=message):
-        shac.train(shac.settings_of("swingup-1", **changes))
+        train(settings_of("swingup-1", **changes))
 
 
 CARTS = {
@@ -106,8 +107,6 @@ CARTS = {
 
 @pytest.mark.parametrize("task", CARTS)
 def test_rewards_and_ends_on_carts_are_those_of_the_environment(task):
-    from npend_gym.rl.training.short_horizons import TensorTask
-
     env = CARTS[task] | {"spread": 0.0}
     config, rng, gamma = EnvConfig(**env), np.random.default_rng(1), 0.9
     in_torch = TensorTask(config, gamma, (1.0, 1.0, 5.0))
@@ -138,15 +137,11 @@ def test_rewards_and_ends_on_carts_are_those_of_the_environment(task):
 
 @pytest.mark.parametrize("energyless", [{"gravity": 0.0}, {"amplitude": 0.0}])
 def test_a_chain_that_is_calmed_from_no_energy_has_the_rewards_of_the_environment(energyless):
-    from npend_gym.rl.training.short_horizons import TensorTask
-
     env = {"n": 2, "mode": "calm", "observation": "sincos", "spread": 0.0} | energyless
     envs = gym.make_vec("NPendulum-v0", num_envs=2, **env)
     envs.reset(seed=0)
-    in_torch, actions = (
-        TensorTask(EnvConfig(**env), 0.9, (1.0, 1.0, 5.0)),
-        torch.tensor([[1.0], [-0.5]]),
-    )
+    in_torch = TensorTask(EnvConfig(**env), 0.9, (1.0, 1.0, 5.0))
+    actions = torch.tensor([[1.0], [-0.5]])
     for _ in range(3):
         expected = envs.step(actions.numpy())[1]
         states = torch.from_numpy(envs.unwrapped.state).float()
@@ -171,10 +166,6 @@ VARIED = {
 @pytest.mark.parametrize("kind", VARIED)
 def test_what_differs_between_episodes_is_known_to_rewards_observations_and_steps(kind):
     """Steps of the trainer's own lanes, and those of the tensor environment with the same draws."""
-    from npend_gym.rl.training.shac import Settings
-    from npend_gym.rl.training.short_horizons import Collector, TensorTask
-    from npend_gym.torch import DifferentiableVectorEnv
-
     env = VARIED[kind] | {"observation": "sincos"}
     settings, config = Settings(env=env, num_envs=6, horizon=3), EnvConfig(**env)
     torch.manual_seed(0)
@@ -203,17 +194,12 @@ def test_what_differs_between_episodes_is_known_to_rewards_observations_and_step
 @pytest.mark.long
 @pytest.mark.parametrize("task", ["swingup-1", "swingup-1-cart"])
 def test_shac_learns_to_swing_up_one_rod_in_twenty_thousand_steps(task):
-    from npend_gym.rl.training.shac import settings_of, train
-
     policy, curve = train(settings_of(task))
     assert curve[-1]["steps"] <= 20_000
     assert evaluate(policy, policy.env).success_rate == 1.0
 
 
 def test_ranges_are_wider_in_training_than_in_the_record():
-    from npend_gym.rl.training.keywords import with_wider_ranges
-    from npend_gym.rl.training.shac import settings_of, train
-
     ranges = {"masses": (0.8, 1.2), "gravity": (0.5, 1.0), "damping": {"low": 0.0, "high": 0.1}}
     config = EnvConfig(n=2, mode="swingup", randomize=ranges)
     wider = with_wider_ranges(config, 0.5)
@@ -231,9 +217,6 @@ def test_ranges_are_wider_in_training_than_in_the_record():
 
 @pytest.mark.long
 def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
-    from npend_gym.rl import recovery
-    from npend_gym.rl.training.shac import settings_of, train
-
     settings = settings_of("swingup-2-pendubot", total_timesteps=48_000)
     policy, curve = train(settings)
     assert curve[-1]["success"] == 1.0
@@ -243,9 +226,6 @@ def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
 
 @pytest.mark.long
 def test_starts_are_states_in_which_the_motors_of_recovery_leave_an_upright_chain():
-    from npend_gym.rl.training.short_horizons import knocked_down
-    from npend_gym.rl.training.tasks import env_of_task
-
     keywords = env_of_task("swingup-2-pendubot")
     config = EnvConfig(**keywords)
     found = knocked_down(config, np.random.default_rng(0), count=4)
@@ -270,9 +250,6 @@ def test_a_task_that_draws_its_start_in_python_can_be_learned():
     class Anywhere(SwingUp):
         def start(self, rng, n, *_):
             return rng.uniform(1.0, 2.0, n), np.zeros(n)
-
-    from npend_gym.rl.training.shac import Settings
-    from npend_gym.rl.training.short_horizons import Collector, TensorTask
 
     env = {"n": 2, "mode": Anywhere(), "observation": "sincos"}
     settings, config = Settings(env=env, num_envs=64), EnvConfig(**env)

@@ -6,8 +6,9 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from test_rl_planning import check_motion, config_of
+from test_rl_planning import check_motion
 
+from npend_gym.envs import EnvConfig
 from npend_gym.rl import (
     PlannedTransitions,
     evaluate,
@@ -27,12 +28,12 @@ ONE_ROD = {"n": 1, "mode": "transition"}
 
 @pytest.fixture(scope="module")
 def pair():
-    return planned_transition(config_of(n=2, mode="transition"), FOLDED, UNFOLDED, 4.0, tries=1)
+    return planned_transition(EnvConfig(n=2, mode="transition"), FOLDED, UNFOLDED, 4.0, tries=1)
 
 
 @pytest.fixture(scope="module")
 def both():
-    return planned_transitions(config_of(**ONE_ROD), 3.0, tries=1)
+    return planned_transitions(EnvConfig(**ONE_ROD), 3.0, tries=1)
 
 
 def test_a_plan_leads_from_one_equilibrium_to_the_other_by_the_equations_of_motion(pair):
@@ -40,22 +41,20 @@ def test_a_plan_leads_from_one_equilibrium_to_the_other_by_the_equations_of_moti
     np.testing.assert_array_equal(states[0], [np.pi, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(np.cos(states[-1, :2]), [1.0, -1.0])
     np.testing.assert_array_equal(states[-1, 2:], 0.0)
-    check_motion(config_of(n=2, mode="transition"), pair.nominal)
+    check_motion(EnvConfig(n=2, mode="transition"), pair.nominal)
 
 
 def test_a_chain_that_stands_folded_is_led_to_the_other_fold(pair):
-    keywords = {"n": 2, "mode": "transition", "max_episode_steps": 220}
-    envs = gym.make_vec("NPendulum-v0", num_envs=20, **keywords)
-    info = envs.reset(
-        seed=0, options={"start": np.tile(FOLDED, (20, 1)), "goal": np.tile(UNFOLDED, (20, 1))}
-    )[1]
+    envs = gym.make_vec("NPendulum-v0", num_envs=20, n=2, mode="transition", max_episode_steps=220)
+    ends = {"start": np.tile(FOLDED, (20, 1)), "goal": np.tile(UNFOLDED, (20, 1))}
+    info = envs.reset(seed=0, options=ends)[1]
     for _ in range(220):
         info = envs.step(pair(None, info))[4]
     assert info["success"].mean() > 0.9
 
 
 def test_the_cost_of_deviations_is_what_tracking_them_costs(pair):
-    config = config_of(n=2, mode="transition")
+    config = EnvConfig(n=2, mode="transition")
     states, actions = pair.nominal
     model, weights = StepModel(config), state_weights(config)
 
@@ -98,22 +97,23 @@ def test_a_single_environment_is_led_as_one_of_many(both):
     np.testing.assert_array_equal(one, many)
 
 
-def test_episodes_begin_anew_where_time_goes_back(both):
-    theta, omega = np.array([[0.0], [np.pi]]), np.zeros((2, 1))
-    info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.pi - theta}
+@pytest.fixture
+def begun(both):
+    """The infos of two environments at rest, the same two in the other order, the first actions."""
+    goal, omega = np.array([[np.pi], [0.0]]), np.zeros((2, 1))
+    info = {"theta": np.pi - goal + 0.01, "omega": omega, "time": np.zeros(2), "goal": goal}
     both.reset()
-    first = both(None, info)
+    return info, {name: value[::-1] for name, value in info.items()}, both(None, info)
+
+
+def test_episodes_begin_anew_where_time_goes_back(both, begun):
+    info, swapped, first = begun
     both(None, info | {"time": np.full(2, 0.05)})
-    swapped = {name: value[::-1] for name, value in info.items()}
     np.testing.assert_array_equal(both(None, swapped), first[::-1])
 
 
-def test_an_episode_that_was_only_looked_at_leaves_nothing_behind(both):
-    theta, omega = np.array([[0.0], [np.pi]]), np.zeros((2, 1))
-    info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.pi - theta}
-    both.reset()
-    first = both(None, info)
-    swapped = {name: value[::-1] for name, value in info.items()}
+def test_an_episode_that_was_only_looked_at_leaves_nothing_behind(both, begun):
+    info, swapped, first = begun
     np.testing.assert_array_equal(both(None, swapped), first[::-1])
     both(None, info | {"time": np.full(2, 0.05)})  # and a goal that changes begins an episode
     late = swapped | {"time": np.full(2, 0.1)}
@@ -125,7 +125,7 @@ def test_an_episode_that_was_only_looked_at_leaves_nothing_behind(both):
 def test_the_expert_of_goals_goes_by_the_state_and_not_by_the_clock(both):
     from npend_gym.rl.training.chain_plans import PlanTracker
 
-    config = config_of(**ONE_ROD)
+    config = EnvConfig(**ONE_ROD)
     expert = PlanTracker(config, list(both.plans.values()), pairs=list(both.plans))
     hangs = {"theta": np.zeros((3, 1)), "omega": np.zeros((3, 1)), "goal": np.full((3, 1), np.pi)}
     expert.begin(np.zeros(3, np.int64))
@@ -145,7 +145,7 @@ def test_pairs_of_which_a_student_failed_are_played_more_often(both):
     small = {"seconds": 3.0, "num_envs": 400, "hidden": 8}
     settings = imitation.settings_of("transition-1", **small)
     plans, pairs = list(both.plans.values()), list(both.plans)
-    dagger = imitation.DAgger(settings, PlanTracker(config_of(**ONE_ROD), plans, pairs=pairs))
+    dagger = imitation.DAgger(settings, PlanTracker(EnvConfig(**ONE_ROD), plans, pairs=pairs))
     up = list(both.plans).index(((False,), (True,)))
     everyone = np.zeros(40, np.int64)
     dagger.count(everyone + up, everyone > 0)  # all failed
@@ -196,35 +196,27 @@ def test_a_network_for_each_goal_is_trained_and_becomes_one_policy():
         imitation.train(imitation.settings_of("transition-1", by_goal="yes"))
 
 
-def test_rods_may_have_turned_before_an_episode_begins(both):
-    theta, omega = np.array([[0.01], [np.pi + 0.01]]), np.zeros((2, 1))
-    info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.array([[np.pi], [0.0]])}
+def test_rods_may_have_turned_before_an_episode_begins(both, begun):
+    info, _, expected = begun
+    turned = info | {"theta": info["theta"] + 2.0 * np.pi * np.array([[3.0], [-2.0]])}
     both.reset()
-    expected = both(None, info)
-    both.reset()
-    turned = info | {"theta": theta + 2.0 * np.pi * np.array([[3.0], [-2.0]])}
     np.testing.assert_allclose(both(None, turned), expected, atol=1e-12)
 
 
 def test_plans_that_were_saved_give_the_same_actions(both, tmp_path):
-    both.save(tmp_path / "plans.npz")
+    made = PlannedTransitions(both.plans, both.arguments | {"seed": np.int64(0)})
+    made.save(tmp_path / "plans.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["plans.npz"]
     with np.load(tmp_path / "plans.npz") as file:
-        assert json.loads(str(file["about"]))["arguments"]["tries"] == 1
-    again = PlannedTransitions.load(tmp_path / "plans.npz", config_of(**ONE_ROD))
+        made_with = json.loads(str(file["about"]))["arguments"]
+    assert (made_with["tries"], made_with["env"]) == (1, ONE_ROD)
+    again = PlannedTransitions.load(tmp_path / "plans.npz", EnvConfig(**ONE_ROD))
     assert again.arguments == both.arguments
     rng = np.random.default_rng(0)
     info = {"theta": rng.normal(0.0, 0.3, (6, 1)), "omega": rng.normal(0.0, 0.3, (6, 1))}
     info |= {"goal": np.full((6, 1), np.pi), "time": np.linspace(0.0, 4.0, 6)}
     both.reset()
     np.testing.assert_array_equal(again(None, info), both(None, info))
-
-
-def test_plans_made_with_a_seed_of_numpy_are_saved(both, tmp_path):
-    made = PlannedTransitions(both.plans, both.arguments | {"seed": np.int64(0)})
-    made.save(tmp_path / "plans.npz")
-    again = PlannedTransitions.load(tmp_path / "plans.npz", config_of(**ONE_ROD))
-    assert again.arguments == both.arguments
 
 
 def test_plans_that_are_too_large_to_be_read_again_are_not_written(both, tmp_path, monkeypatch):
@@ -242,18 +234,39 @@ def test_files_that_hold_no_plans_for_the_environment_are_refused(both, tmp_path
     path = tmp_path / "plans.npz"
     both.save(path)
     with pytest.raises(ValueError, match="plans of another environment: a step misses"):
-        PlannedTransitions.load(path, config_of(**ONE_ROD, damping=0.1))
+        PlannedTransitions.load(path, EnvConfig(**ONE_ROD, damping=0.1))
     with pytest.raises(ValueError, match="no plans for 2 rods and 1 motors"):
-        PlannedTransitions.load(path, config_of(n=2, mode="transition"))
+        PlannedTransitions.load(path, EnvConfig(n=2, mode="transition"))
+    with pytest.raises(TypeError, match="config must be the settings"):
+        PlannedTransitions.load(path, "x")
+    with np.load(path) as file:
+        arrays = dict(file)
+    for name, wrong, message in (
+        ("actions", arrays["actions"] + 2.0, r"actions must lie within \+-1"),
+        ("states", arrays["states"] + 1e-3, "do not lead where they say"),
+        ("states", arrays["states"][:, :, :1], "no plans for 1 rods"),
+    ):
+        np.savez(path, **(arrays | {name: wrong}))
+        with pytest.raises(ValueError, match=message):
+            PlannedTransitions.load(path, EnvConfig(**ONE_ROD))
     np.savez(path, states=np.zeros(3))
     with pytest.raises(ValueError, match="holds no plans"):
-        PlannedTransitions.load(path, config_of(**ONE_ROD))
+        PlannedTransitions.load(path, EnvConfig(**ONE_ROD))
+
+
+def test_what_are_no_plans_for_one_file_is_refused(both, tmp_path):
+    pair, plan = next(iter(both.plans.items()))
+    for wrong in ({}, {pair: 5}):
+        with pytest.raises(TypeError, match="plans must be PlannedTransitions, got"):
+            PlannedTransitions(wrong)
+    shorter = PlannedTransitions(both.plans | {pair: replace(plan, gains=plan.gains[:9])})
+    with pytest.raises(ValueError, match=r"seconds must be the same .* plans of 9, 60 steps"):
+        shorter.save(tmp_path / "plans.npz")
 
 
 def test_the_regulator_holds_a_chain_whose_rods_hang_and_stand():
-    keywords = {"n": 2, "mode": "transition", "max_episode_steps": 200}
-    hold = lqr(config_of(**keywords), UNFOLDED)
-    envs = gym.make_vec("NPendulum-v0", num_envs=10, **keywords)
+    envs = gym.make_vec("NPendulum-v0", num_envs=10, n=2, mode="transition", max_episode_steps=200)
+    hold = lqr(envs.unwrapped.config, UNFOLDED)
     near = np.random.default_rng(0).uniform(-0.02, 0.02, (10, 2))
     info = envs.reset(seed=0, options={"theta": UNFOLDED + near, "omega": 0.0})[1]
     for _ in range(200):
@@ -271,7 +284,7 @@ def test_the_regulator_holds_a_chain_whose_rods_hang_and_stand():
 )
 def test_what_is_no_pair_of_equilibria_is_an_error(start, goal, message):
     with pytest.raises(ValueError, match=message):
-        planned_transition(config_of(n=2, mode="transition"), start, goal)
+        planned_transition(EnvConfig(n=2, mode="transition"), start, goal)
 
 
 def test_a_pair_without_a_plan_is_an_error(both):
@@ -279,3 +292,14 @@ def test_a_pair_without_a_plan_is_an_error(both):
     info = {"theta": np.array([[np.pi]]), "omega": np.zeros((1, 1)), "time": np.zeros(1)}
     with pytest.raises(ValueError, match=r"no plan from \(True,\) to \(False,\)"):
         only_up(None, info | {"goal": np.zeros((1, 1))})
+
+
+def test_the_environments_keep_their_plans_where_one_has_none(both):
+    only_up = PlannedTransitions({pair: both.plans[pair] for pair in [((False,), (True,))]})
+    omega, goal = np.zeros((2, 1)), np.full((2, 1), np.pi)
+    info = {"theta": omega + 0.01, "omega": omega, "time": np.full(2, 0.05), "goal": goal}
+    expected = only_up(None, info)
+    other = {"theta": info["theta"] + [[2.0 * np.pi], [0.0]], "time": np.zeros(2)}
+    with pytest.raises(ValueError, match="there is no plan"):
+        only_up(None, info | other | {"goal": goal * [[1.0], [0.0]]})
+    np.testing.assert_array_equal(only_up(None, info), expected)

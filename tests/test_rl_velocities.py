@@ -64,23 +64,12 @@ def test_what_a_clock_with_jitter_and_an_encoder_with_few_counts_cost(counts, ta
     assert error < np.sqrt(np.mean(delay[100:] ** 2)) + step / tau
 
 
-def test_a_longer_time_constant_shows_less_noise():
-    noise = np.random.default_rng(0).normal(size=(5000, 1)) * 1e-3
-    spread = [
-        np.std(estimates(VelocityEstimator(tau), 0.01 * np.arange(5000), noise)[500:])
-        for tau in (0.01, 0.03, 0.1)
-    ]
-    assert spread[0] > 3.0 * spread[1] > 9.0 * spread[2]
-
-
 def test_an_encoder_of_one_turn_may_jump_and_a_cart_may_not():
     times = 0.01 * np.arange(300)
     theta = 9.0 * times
     whole = estimates(VelocityEstimator(0.02), times, theta)
     turned = np.remainder(theta + math.pi, math.tau) - math.pi
     np.testing.assert_allclose(estimates(VelocityEstimator(0.02), times, turned), whole, atol=1e-9)
-    estimator = VelocityEstimator(0.02, period=0.0)
-    estimates(estimator, times, turned)
     assert np.ptp(estimates(VelocityEstimator(0.02, period=0.0), times, turned)) > 50.0
 
 

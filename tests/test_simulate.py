@@ -72,15 +72,13 @@ def test_positions_and_energy_follow_the_definitions(uneven):
     assert path.energy()[0] == pytest.approx(kinetic + potential, rel=1e-13)
 
 
-def test_a_single_time_returns_the_start(uneven):
-    path = simulate(uneven, 0.3, 0.2, [5.0])
-    np.testing.assert_array_equal(path.theta, np.full((1, 4), 0.3))
-
-
-@pytest.mark.parametrize("torque", [lambda t, q, u: t + q[0] - u[0], Signal([0.0, 9.0], [0.1])])
+@pytest.mark.parametrize(
+    "torque", [0.0, lambda t, q, u: t + q[0] - u[0], Signal([0.0, 9.0], [0.1])]
+)
 @pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.1}])
 def test_a_single_time_returns_the_start_whatever_drives_the_motion(uneven, torque, options):
     path = simulate(uneven, 0.3, 0.2, [5.0], torque=torque, **options)
+    np.testing.assert_array_equal(path.theta, np.full((1, 4), 0.3))
     np.testing.assert_array_equal(path.at(5.0), [path.theta[0], path.omega[0]])
 
 
@@ -120,9 +118,7 @@ def test_rk4_with_too_long_a_step_says_so_instead_of_returning_nonsense():
         simulate(chain, 1.0, 0.0, np.linspace(0.0, 10.0, 11), method="rk4", dt=0.05)
 
 
-def test_a_state_beyond_all_bounds_is_an_error_and_not_a_nan(uneven):
-    with pytest.raises(ValueError, match="omega must lie within"):
-        simulate(uneven, 1.0, 1e200, [0.0, 1.0])
+def test_a_state_beyond_all_bounds_is_an_error_and_not_a_nan():
     weightless = Chain.uniform(1, gravity=0.0)
     for options in ({}, {"method": "rk4", "dt": 0.01}):
         with pytest.raises(IntegrationError, match=r"turned by more than 100000 rad"):
@@ -160,6 +156,8 @@ ON_CART, STIFF = {"base": Cart(1.0)}, {"stiffness": 1e3}
 @pytest.mark.parametrize(
     ("parts", "change", "message"),
     [
+        ({}, {"omega": 1e200}, "omega must lie within"),
+        ({}, {"theta": np.zeros((0, 3))}, r"must have the shape \(B, 3\), got \(0, 3\)"),
         ({}, {"method": "rk4"}, "dt must be given"),
         ({}, {"dt": 0.0}, "dt must be"),
         ({}, {"method": "rk4", "dt": 0.01, "times": [1e15, 1e15 + 1.0]}, "dt must be at least 0.1"),
@@ -188,11 +186,6 @@ def test_bad_arguments_are_refused_with_their_rule(parts, change, message):
     arguments = {"theta": 0.1, "omega": 0.0, "times": [0.0, 1.0]} | change
     with pytest.raises(ValueError, match=message):
         simulate(Chain.uniform(3, **parts), **arguments)
-
-
-def test_no_motions_at_all_are_refused():
-    with pytest.raises(ValueError, match=r"must have the shape \(B, 2\), got \(0, 2\)"):
-        simulate(Chain.uniform(2), np.zeros((0, 2)), 0.0, [0.0, 1.0])
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 from scipy.special import ellipk
 
-from npend_gym import Chain, physics, pseudo_periods, simulate
+from npend_gym import Chain, physics, pseudo_periods
 
 RADIUS = np.array([0.02, 0.035, 0.01, 0.03])  # m
 SPACING = np.array([0.12, 0.2, 0.1, 0.3])  # m
@@ -60,30 +60,12 @@ def test_balls_in_a_fluid_move_and_pull_as_newtons_law_with_buoyancy_and_added_m
     assert tension == pytest.approx(pull @ rod, rel=1e-11)
 
 
-@pytest.mark.long
-def test_balls_swing_in_water_as_the_same_law_integrated_by_scipy():
-    chain = Chain.spheres(4, RADIUS, SPACING, STEEL, gravity=G, fluid_density=WATER)
-    times = np.linspace(0.0, 1.0, 6)
-    own = simulate(chain, 0.6, 0.0, times).theta
-    there = solve_ivp(
-        lambda _, y: np.concatenate([y[4:], in_fluid(y[:4], y[4:], WATER)[0]]),
-        (0.0, 1.0), np.repeat([0.6, 0.0], 4), "DOP853", times, rtol=1e-10, atol=1e-12,
-    )  # fmt: skip
-    np.testing.assert_allclose(own, there.y[:4].T, atol=1e-8)
-
-
-def test_a_ball_fixed_to_its_rod_has_the_period_of_a_physical_pendulum():
+@pytest.mark.parametrize("fluid", [0.0, WATER])
+def test_a_ball_on_a_rod_has_the_period_of_its_weight_and_inertia(fluid):
     a, l, r = 0.9, 0.4, 0.15
-    ball = Chain.spheres(1, r, l, STEEL)
-    expected = 4.0 * np.sqrt((l**2 + 0.4 * r**2) / (l * 9.81)) * ellipk(np.sin(a / 2.0) ** 2)
-    assert pseudo_periods(ball, a)[0] == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_ball_in_a_fluid_has_the_period_of_its_weight_and_inertia():
-    a, l, r = 0.5, 0.4, 0.05
-    ball = Chain.spheres(1, r, l, STEEL, fluid_density=WATER, gravity=G)
-    inertia = (STEEL + WATER / 2.0) * l**2 + 0.4 * STEEL * r**2  # over the volume
-    turned = (STEEL - WATER) * G * l
+    ball = Chain.spheres(1, r, l, STEEL, fluid_density=fluid, gravity=G)
+    inertia = (STEEL + fluid / 2.0) * l**2 + 0.4 * STEEL * r**2  # over the volume
+    turned = (STEEL - fluid) * G * l
     expected = 4.0 * np.sqrt(inertia / turned) * ellipk(np.sin(a / 2.0) ** 2)
     assert pseudo_periods(ball, a)[0] == pytest.approx(expected, rel=1e-9)
 
@@ -119,8 +101,3 @@ def test_balls_of_unequal_densities_hang_in_vacuum_and_parameters_of_chains_repl
     hollow = Chain.spheres(2, 0.02, 0.2, 90.0, inertias=2e-7, damping=1e-6)
     assert hollow.inertias.tolist() == [2e-7, 2e-7]
     assert hollow.damping.tolist() == [1e-6, 1e-6]
-
-
-def test_lengths_of_balls_are_refused_beside_their_spacing():
-    with pytest.raises(TypeError, match=r"lengths must be left out, .* give spacing=0\.2"):
-        Chain.spheres(2, 0.01, 0.1, STEEL, lengths=0.2)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from npend_gym import Cart, Chain, IntegrationError, Signal, pseudo_periods, simulate
+from npend_gym import Cart, Chain, Signal, pseudo_periods, simulate
 from npend_gym.physics import tensions
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
@@ -122,8 +122,6 @@ def test_long_motions_on_soft_springs_follow_scipy(uneven, kind):
     assert np.ptp(path.stretch, axis=0).min() > 0.01
     assert path.position is None or np.ptp(path.position) > 0.1
     np.testing.assert_array_equal(path.centres(), path.positions())
-    rigid = simulate(uneven, 0.9, 0.3, [0.0, 1.0])
-    np.testing.assert_array_equal(rigid.lengths(), [uneven.lengths] * 2)
 
 
 def test_energy_of_springs_on_a_cart_is_kept(uneven):
@@ -132,8 +130,6 @@ def test_energy_of_springs_on_a_cart_is_kept(uneven):
     assert np.abs(path.energy() / path.energy()[0] - 1.0).max() < 1e-8
     speeds = in_frame_of_rail(path, rates=True)
     masses = np.append(1.5, uneven.masses)
-    kinetic = 0.5 * (speeds**2).sum(axis=2) @ masses
-    np.testing.assert_allclose(path.kinetic_energy(), kinetic, rtol=1e-12)
     momentum = speeds[..., 0] @ masses  # nothing pushes the cart
     np.testing.assert_allclose(momentum, momentum[0], rtol=0, atol=1e-8)
 
@@ -251,20 +247,6 @@ def test_periods_on_stiff_springs_come_to_those_on_rigid_rods_as_one_over_stiffn
         [pseudo_periods(on_springs(chain, k), 0.5, reading=reading) - rigid for k in (1e6, 1e7)]
     )
     np.testing.assert_allclose(gaps[:, 0], gaps[:, 1], rtol=0.01)
-
-
-def test_a_rod_that_shrinks_to_nothing_is_an_error_and_not_a_nan():
-    # a bob that falls upwards through the pivot, along the rod
-    for options in ({}, {"method": "rk4", "dt": 1e-3}):
-        with pytest.raises(IntegrationError, match="no length"):
-            simulate(
-                Chain([1.0], [1.0], stiffness=20.0), 0.0, 0.0, [0.0, 2.0], stretch=3.0, **options
-            )
-
-
-def test_springs_of_releases_that_are_too_stiff_are_refused():
-    with pytest.raises(ValueError, match="rigid rods are the limit of stiff springs"):
-        pseudo_periods(Chain.uniform(3, stiffness=1e22), 0.1)
 
 
 def test_springs_of_different_chains_start_with_what_a_function_does_to_each_of_them():

@@ -1,5 +1,7 @@
 """What counts as success, in time and in every lane."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -69,15 +71,13 @@ class High(Mode):
         return quantities.height < 0.1
 
 
-@pytest.mark.parametrize("vector", [False, True])
-def test_a_users_mode_succeeds_while_it_has_not_failed(vector):
-    env = (
-        gym.make_vec("NPendulum-v0", num_envs=2, n=1, mode=High(), autoreset_mode="DISABLED")
-        if vector
-        else gym.make("NPendulum-v0", n=1, mode=High())
-    )
+@pytest.mark.parametrize(
+    "make", [gym.make, partial(gym.make_vec, num_envs=2, autoreset_mode="DISABLED")]
+)
+def test_a_users_mode_succeeds_while_it_has_not_failed(make):
+    env = make("NPendulum-v0", n=1, mode=High())
     env.reset(seed=0)
-    still = np.zeros((2, 1), np.float32) if vector else STILL
+    still = np.zeros(env.action_space.shape, np.float32)
     flags, ended = [], False
     while not ended:
         _, _, terminated, _, info = env.step(still)
@@ -87,14 +87,9 @@ def test_a_users_mode_succeeds_while_it_has_not_failed(vector):
     assert len(flags) > 10
 
 
-def vector_env():
-    env = gym.make_vec("NPendulum-v0", num_envs=3, n=1)
-    env.reset(seed=0, options={"theta": np.array([[np.pi], [0.0], [np.pi]]), "omega": 0.0})
-    return env
-
-
 def test_every_lane_has_its_own_clock_and_a_reset_restarts_it():
-    env, still = vector_env(), np.zeros((3, 1), np.float32)
+    env, still = gym.make_vec("NPendulum-v0", num_envs=3, n=1), np.zeros((3, 1), np.float32)
+    env.reset(seed=0, options={"theta": np.array([[np.pi], [0.0], [np.pi]]), "omega": 0.0})
     for _ in range(50):
         env.step(still)
     mask = np.array([True, False, False])
@@ -102,7 +97,6 @@ def test_every_lane_has_its_own_clock_and_a_reset_restarts_it():
     assert info["_success"].tolist() == mask.tolist()
     flags = np.array([env.step(still)[-1]["success"] for _ in range(110)])
     assert flags.argmax(axis=0).tolist() == [99, 0, 49]  # 5 s after the start of each
-    assert not flags[:, 1].any()
     assert flags.any(axis=0).tolist() == [True, False, True]
 
 

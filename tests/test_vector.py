@@ -5,17 +5,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
-from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
+from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, make_vec, run
 from test_env_links import CHAIN
 from test_hardware import EVERYTHING
 from test_randomize import RANDOMIZE
 
-from npend_gym import Chain
+from npend_gym import Chain, pseudo_periods
 from npend_gym.envs.modes import MODES
-
-
-def make_vec(num_envs, **keywords):
-    return gym.make_vec("NPendulum-v0", num_envs, **keywords)
 
 
 @pytest.mark.parametrize("mode", ["passive", "calm"])
@@ -24,25 +20,20 @@ def test_fast_lanes_change_no_bit_of_others_and_are_the_single_env_too(mode):
     omega = np.zeros((count, n))
     omega[3], omega[7], omega[18] = 60.0, -25.0, 9.0  # cut into 8, 4 and 2 parts at the start
     theta = np.linspace(-1.5, 1.5, count * n).reshape(count, n)
-    envs = make_vec(count, n=n, mode=mode, damping=0.003, drag=0.01)
-    outputs = [envs.reset(seed=0, options={"theta": theta, "omega": omega})]
-    rng = np.random.default_rng(1)
-    actions = rng.uniform(-1.0, 1.0, (60, count, 1))
-    if mode == "passive":
-        actions = np.zeros((60, count), int)
-    outputs += [envs.step(action) for action in actions]
-    for k in (0, 3, 4, 7, 16, 18, 19):
-        alone = gym.make("NPendulum-v0", n=n, mode=mode, damping=0.003, drag=0.01)
-        start = alone.reset(seed=k, options={"theta": theta[k], "omega": omega[k]})
-        assert_same(lane(outputs[0][0], k), start[0])
-        for (observation, reward, _, _, info), action in zip(outputs[1:], actions, strict=True):
-            mine = alone.step(action[k])
-            assert_same(observation[k], mine[0])
-            assert_same(reward[k], mine[1])
-            assert_same(lane(info, k), mine[4])
+    keywords = {"n": n, "mode": mode, "damping": 0.003, "drag": 0.01}
+    envs, singles = make_vec(count, **keywords), make_vec(count, "sync", **keywords)
+    for each in (envs, singles):
+        each.reset(seed=0)
+    envs.state = np.hstack([theta, omega])
+    for single, state in zip(singles.envs, envs.state, strict=True):
+        single.unwrapped.state = state
+    actions = actions_for(envs, 60)
+    shown, expected = ([each.step(action) for action in actions] for each in (envs, singles))
+    assert_lanes_are_singles(shown, expected)
 
 
 KINDS = {mode: {"n": 3, "mode": mode} for mode in MODES}
+KINDS["balance"]["spread"] = 0.9  # lanes fail at different steps
 DRAWN = {"n": 3, "randomize": RANDOMIZE, "observe_context": True}
 KINDS |= {f"{mode}, drawn": DRAWN | {"mode": mode} for mode in ("swingup", "balance", "transition")}
 KINDS["goals, drawn"] = KINDS["transition, drawn"] | {"goal_env": True, "reward_type": "sparse"}
@@ -55,6 +46,9 @@ KINDS["cart, drawn"] = {
 }  # fmt: skip
 KINDS["fifty rods"] = {"n": 50}
 KINDS["sensors and motors"] = {"n": 2, "mode": "balance", "num_envs": 18} | EVERYTHING
+KINDS["links with sensors and motors"] = {
+    "chain": "realaigym C.1", "actuated": (0, 1), "num_envs": 17
+} | EVERYTHING  # fmt: skip
 EACH_KIND = [  # the kernels of motors and sensors take long to compile
     pytest.param(kind, marks=pytest.mark.long) if "motors" in kind else kind for kind in KINDS
 ]
@@ -70,11 +64,17 @@ def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(kind, autorese
     singles = make_vec(
         vectorization_mode="sync", vector_kwargs={"autoreset_mode": autoreset}, **keywords
     )
-    assert vector.observation_space == singles.observation_space
+    for space in ("observation_space", "action_space"):
+        for owned in (space, f"single_{space}"):
+            assert getattr(vector, owned) == getattr(singles, owned)
+    assert vector.metadata["autoreset_mode"] is autoreset
     actions = actions_for(vector, steps)
     ours = run(vector, actions)
     assert_lanes_are_singles(ours, run(singles, actions))
     assert all(each[0] in vector.observation_space for each in ours)
+    assert len(np.unique(ours[0][1]["theta"], axis=0)) == vector.num_envs  # every seed is another
+    if kind == "balance" and steps > limit:
+        assert 0 < max(each[2].sum() for each in ours[1:]) < vector.num_envs
 
 
 @pytest.mark.parametrize("threads", [2, 3])
@@ -100,35 +100,6 @@ def test_threads_and_tiles_change_no_bit(kind, threads):
     for a, b in zip(everything, few, strict=True):
         assert_same([lane(x, 1) for x in a], [lane(x, 1) for x in b])
     shared.close()
-
-
-def test_autoreset_in_the_next_step_ignores_its_action():
-    env = make_vec(2, n=1, max_episode_steps=3)
-    env.reset(seed=0)
-    action = np.ones((2, 1), np.float32)
-    for _ in range(3):
-        _, _, terminated, truncated, info = env.step(action)
-    assert truncated.all()
-    assert not terminated.any()
-    assert (info["time"] > 0.1).all()
-    _, reward, _, truncated, info = env.step(action)
-    assert not truncated.any()
-    assert (reward == 0.0).all()
-    assert (info["time"] == 0.0).all()
-
-
-def test_same_step_gives_the_last_observation_and_info_of_those_that_are_done():
-    env = make_vec(2, n=2, mode="balance", autoreset_mode="SAME_STEP")
-    env.reset(seed=0, options={"theta": np.array([[np.pi, np.pi], [1.6, 1.6]])})
-    observation, _, terminated, _, info = env.step(np.zeros((2, 1), np.float32))
-    assert terminated.tolist() == [False, True]
-    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == [False, True]
-    assert info["final_obs"][0] is None
-    assert info["final_obs"][1][0] == pytest.approx(1.6, abs=0.1)
-    assert observation[1][0] == pytest.approx(np.pi, abs=0.1) or observation[1][0] < -3.0
-    assert info["final_info"]["time"][1] == pytest.approx(0.02)
-    assert info["final_info"]["_time"].tolist() == [False, True]
-    assert info["time"][1] == 0.0
 
 
 def test_without_autoreset_a_done_lane_must_be_reset_by_mask():
@@ -197,13 +168,21 @@ def test_options_are_those_of_each_lane_or_numbers_for_all_to_the_last_bit(kind)
             assert_same([lane(part, k) for part in many], list(one))
 
 
-def test_masks_of_the_pseudo_period_are_true_where_a_bob_has_completed():
-    env = make_vec(2, n=1, mode="passive")
+@pytest.mark.parametrize(
+    "chain",
+    [Chain.uniform(1), pytest.param(Chain.rods(1.0, 1.0), marks=pytest.mark.long)],
+    ids=["bobs", "links"],
+)
+def test_masks_of_the_pseudo_period_are_true_where_a_bob_has_completed(chain):
+    env = make_vec(2, chain=chain, mode="passive")
     env.reset(seed=0, options={"theta": np.array([[0.5], [0.0]])})
     for _ in range(220):
         info = env.step(np.zeros(2, np.int64))[-1]
-    assert info["_pseudo_period"].tolist() == info["_pseudo_periods"].tolist() == [True, False]
-    assert info["pseudo_period"][1] == 0.0
+    for name in ("pseudo_period", "pseudo_periods", "pseudo_period_com"):
+        assert info[f"_{name}"].tolist() == [True, False]
+        assert not info[name][1].any()
+        expected = pseudo_periods(chain, 0.5, reading="com" if "com" in name else "bob")
+        np.testing.assert_allclose(info[name][0], expected.mean(), rtol=0.0, atol=1e-6)
     assert info["_time"].all()
 
 
@@ -223,7 +202,7 @@ def test_one_diverged_lane_disturbs_no_other():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: gym.make("NPendulum-v0", mode="calm", n=3),
+        lambda: gym.make("NPendulum-v0", **DRAWN),
         lambda: make_vec(3, n=2, threads=2, max_episode_steps=15),
     ],
     ids=["single", "vector"],
@@ -258,13 +237,3 @@ def test_any_sequence_of_seeds_has_one_for_each_lane():
     for text in ("456", b"456"):
         with pytest.raises(TypeError, match="seed must be an integer"):
             env.reset(seed=text)
-
-
-def test_spaces_are_batches_of_the_single_ones():
-    env = make_vec(4, n=3, observation="sincos", actuated=(0, 1))
-    assert env.single_observation_space.shape == (9,)
-    assert env.observation_space.shape == (4, 9)
-    assert env.action_space.shape == (4, 2)
-    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
-    assert env.spec.id == "NPendulum-v0"
-    assert make_vec(4, mode="passive").action_space == gym.spaces.MultiDiscrete([1] * 4)

@@ -98,9 +98,9 @@ def run(
     figures = out is not None and robust and can_draw()
     seed = rl.HELD_OUT if seed is None else seed
     changed = [key for key, _ in env if policy is not None]
-    name, model, keywords = chosen(policy, controller, task, dict(env), trust=trust)
-    judged: Any = keywords | {"id": env_id}
     try:
+        name, model, keywords = chosen(policy, controller, task, dict(env), env_id, trust=trust)
+        judged: Any = keywords | {"id": env_id}
         threshold = setting_of(judged).reward_threshold
     except gym.error.Error as error:
         raise ValueError(f"--env-id must name an environment: {error}") from error
@@ -145,12 +145,12 @@ def chosen(
     controller: str | None,
     task: str | None,
     env: dict[str, Any],
+    env_id: str = "NPendulum-v0",
     *,
     trust: bool,
 ) -> tuple[str, Controller, dict[str, Any]]:
-    """Return name, policy or controller, and keywords of the environment."""
+    """Return name, policy or controller, and keywords of the environment of this id."""
     from npend_gym.rl.controllers.references import reference_controller
-    from npend_gym.rl.evaluation.settings import setting_of
     from npend_gym.rl.policies.shipped import find_policy
     from npend_gym.rl.training.tasks import env_of_task
 
@@ -160,8 +160,7 @@ def chosen(
         task = task or _TASK
         refuse_said(env, ("n", "mode"), f"--task {task}")
         keywords = {**env_of_task(task), **env}
-        _ = setting_of(keywords).config  # checks all keywords
-        made = reference_controller(controller, keywords, progress("plan"))
+        made = reference_controller(controller, keywords | {"id": env_id}, progress("plan"))
         return f"{controller} in {task}", made, keywords
     if task is not None:
         raise ValueError("--task is for a --controller: a policy knows its environment")

@@ -18,7 +18,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._files import replacing
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import MAX_CART_ENTRY
-from npend_gym.export.about import Feedback, config_of, described
+from npend_gym.export.about import Feedback, described
 from npend_gym.rl.controllers.planning import PlannedTransition
 from npend_gym.rl.controllers.regulators import StateFeedback
 from npend_gym.rl.controllers.step_model import at_rest
@@ -121,7 +121,7 @@ def _config_of_controller(controller: Any) -> EnvConfig:
             "policy must be a Policy, or a controller of lqr, modal_damping, planned_swing_up or "
             f"planned_transition, got {_checks.show(controller)}"
         )
-    config = config_of(controller)
+    config = controller.config
     if config.torque_levels is not None:
         raise ValueError(
             "torque_levels must be left out: torques in C are not discrete; got "
@@ -223,6 +223,7 @@ def _of_hardware(config: EnvConfig) -> dict[str, Any]:
         "rods": n,
         "joints": config.joints.size,
         "motors": ", ".join(motors),
+        "motor": int(config.joints[0]),
         "dt": repr(config.dt),
         "limits": _table(config.action_limits),
         "cart": int(config.has_cart),

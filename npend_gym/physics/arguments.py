@@ -112,11 +112,18 @@ def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
     return check_states(n, torque=given)[0]
 
 
+def checked_joints(joints: Iterable[int], n: int) -> list[int]:
+    """Return joints of a chain of n rods, refused where one is named twice."""
+    listed = [_checks.count("joint", j, low=0, high=n - 1) for j in joints]
+    if len(set(listed)) != len(listed):
+        raise ValueError(f"joints must name each joint once, got {_checks.show(listed)}")
+    return listed
+
+
 def check_inputs(chain: Chain, joints: Iterable[int]) -> list[int]:
     """Return where the torques on `joints` stand among the loads, then the force on a cart."""
-    n = chain.n
-    wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
-    return wanted if chain.base is None else [*wanted, n]
+    wanted = checked_joints(joints, chain.n)
+    return wanted if chain.base is None else [*wanted, chain.n]
 
 
 def check_limits(theta: FloatArray, omega: FloatArray) -> None:

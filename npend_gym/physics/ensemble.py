@@ -18,6 +18,7 @@ from npend_gym.physics.arguments import (
     check_members,
     check_parameters,
     check_states,
+    checked_joints,
 )
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
@@ -33,14 +34,6 @@ def check_rigid(springs: object) -> None:
             "chains of an ensemble must have rigid rods, because equal steps do not resolve "
             "the vibrations of springs: leave out stiffness, or use simulate"
         )
-
-
-def checked_joints(joints: Sequence[int], n: int) -> list[int]:
-    """Return joints of a chain of n rods, refused where one is named twice."""
-    listed = [_checks.count("joint", j, low=0, high=n - 1) for j in joints]
-    if len(set(listed)) != len(listed):
-        raise ValueError(f"joints must name each joint once, got {_checks.show(listed)}")
-    return listed
 
 
 class Ensemble(Members):

@@ -102,9 +102,11 @@ class Hardness:
         r"""Return a lower bound of the peak of \|S\| if \|S\| <= 1 above `bandwidth` [rad/s].
 
         Bode's integral of ln \|S\| over all frequencies is pi times the sum of the unstable poles
-        of the loop, where its gain falls faster than 1/s. A stable controller adds none.
+        of the loop, where its gain falls faster than 1/s. A stable controller adds none. Beyond the
+        largest float the bound is infinite.
         """
-        return math.exp(math.pi * self.pole_sum / _checks.positive_number("bandwidth", bandwidth))
+        log_peak = math.pi * self.pole_sum / _checks.positive_number("bandwidth", bandwidth)
+        return math.exp(log_peak) if log_peak < 709.0 else math.inf
 
 
 def least_action(
@@ -151,6 +153,9 @@ def least_action(
     k^2 = 2 ln(T p / (pi ln 2)), p the fastest pole. For one pole and short steps this is Kramers'
     rate of escape: c is 2, and the barrier is half of that without saturation. For several poles it
     is a rule that agrees with simulations of the linear system.
+
+    The system is followed in steps until it returns, which takes a time proportional to 1 / (dt p),
+    with p the slowest pole: some seconds for 1 / (dt p) = 5000. `hardness` does so dozens of times.
 
     Examples
     --------
@@ -230,7 +235,8 @@ def hardness(
     Raises
     ------
     ValueError, TypeError
-        As `least_action` does, or if `share` is not between 0 and 1.
+        As `least_action` does, or if `share` is not between 0 and 1, or so small that delay or lag
+        overflow.
 
     Notes
     -----
@@ -262,8 +268,13 @@ def hardness(
 
     largest, poles = noise(0.0, 0.0), _modes(a, b, limit, dt, 0.0).poles
     wanted, first = share * largest, 0.1 / float(poles[-1])
-    delay = _root(lambda delay: math.log(noise(delay, 0.0) / wanted), first)
-    lag = _root(lambda lag: math.log(noise(0.0, lag) / wanted), first)
+    try:
+        delay = _root(lambda delay: math.log(noise(delay, 0.0) / wanted), first)
+        lag = _root(lambda lag: math.log(noise(0.0, lag) / wanted), first)
+    except ValueError as error:  # where it is not found for the largest noise
+        raise ValueError(
+            f"share must be larger, so that delay and lag do not overflow; got {share:g}"
+        ) from error
     coefficients = np.asarray(np.poly(np.linalg.eigvals(_square(a))).real, np.float64)
     factorials = np.cumprod(np.maximum(np.arange(float(coefficients.size)), 1.0))
     taylor = (coefficients / factorials)[::-1]

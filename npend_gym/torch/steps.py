@@ -11,7 +11,8 @@ from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
-from npend_gym.physics.ensemble import check_rigid, checked_joints
+from npend_gym.physics.arguments import checked_joints
+from npend_gym.physics.ensemble import check_rigid
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.checks import as_tensors
 from npend_gym.torch.compiled_steps import CompiledSteps

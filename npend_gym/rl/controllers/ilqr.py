@@ -91,7 +91,7 @@ class Motions(NamedTuple):
         return self._replace(states=states, actions=actions, gains=gains)
 
 
-def joined(parts: Sequence[Motions]) -> Motions:
+def concatenated(parts: Sequence[Motions]) -> Motions:
     """Return the motions of all parts as one."""
     fields = zip(*parts, strict=True)
     return Motions(*(np.concatenate(each, axis=min(1, each[0].ndim - 1)) for each in fields))

@@ -12,7 +12,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, joined
+from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, concatenated
 from npend_gym.rl.controllers.regulators import riccati
 from npend_gym.rl.controllers.step_model import (
     at_rest,
@@ -22,6 +22,7 @@ from npend_gym.rl.controllers.step_model import (
     state_of,
     wrapped,
 )
+from npend_gym.rl.evaluation.settings import number_of_steps
 from npend_gym.theory import fundamental_period
 
 _GUESS = 0.3  # standard deviation of the actions from which the first plan begins
@@ -103,7 +104,7 @@ class MPC:
         ahead = fundamental_period(config.chain.hung()) if horizon is None else horizon
         if horizon is None and np.isnan(ahead):
             raise ValueError("horizon must be given for a chain without a period")
-        steps = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
+        steps = number_of_steps("horizon", ahead, config.dt)
         goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
         weight = _checks.positive_number("action_weight", action_weight)
         last = _checks.positive_number("last_weight", last_weight)
@@ -149,7 +150,7 @@ class MPC:
             parts.append(self._on_rail(states[known], motions, lanes[known]))
         if new.size > 0:
             parts.append(self._first_plan(states[new], lanes[new]))
-        self.plans: Motions = joined(parts).of(np.argsort([*known, *new]))
+        self.plans: Motions = concatenated(parts).of(np.argsort([*known, *new]))
         self._lanes, self._time = lanes, time.copy()
         return self.plans.actions[0]
 
@@ -160,17 +161,18 @@ class MPC:
         about = self._goal + away - wrapped(self._config, away)
         about[:, self._config.n :] = 0.0
         guesses = (self._guess, 0.0 * self._gain), (0.0 * self._guess, self._gain)
-        begun = joined([self._ilqr.begin(states, actions, about, k) for actions, k in guesses])
-        return _cheapest(self._improved(begun, self.first_iterations), len(states))
+        begun = [self._ilqr.begin(states, actions, about, k) for actions, k in guesses]
+        return _cheapest(self._improved(concatenated(begun), self.first_iterations), len(states))
 
     def _on_rail(self, states: FloatArray, plans: Motions, lanes: NDArray[np.int64]) -> Motions:
         """Return the plans; plans that leave the rail are made again where that is cheaper."""
         off = np.any(beyond(self._config, plans.states, 1.0) != 0.0, axis=0)
         if not off.any():
             return plans
-        again = joined([plans.of(off), self._first_plan(states[off], lanes[off])])
+        again = concatenated([plans.of(off), self._first_plan(states[off], lanes[off])])
         order = np.concatenate([np.flatnonzero(~off), np.flatnonzero(off)])
-        return joined([plans.of(~off), _cheapest(again, int(off.sum()))]).of(np.argsort(order))
+        best = _cheapest(again, int(off.sum()))
+        return concatenated([plans.of(~off), best]).of(np.argsort(order))
 
     def _improved(self, motions: Motions, iterations: int) -> Motions:
         for _ in range(iterations):

@@ -29,7 +29,7 @@ from npend_gym.rl.controllers.step_model import (
     wrapped,
 )
 from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
-from npend_gym.rl.evaluation.settings import keywords_of
+from npend_gym.rl.evaluation.settings import keywords_of, number_of_steps
 
 GUESSES = "waves", "mpc"
 _LONGER = 5.0 / 3.0  # rail on which MPC guesses where its motions on the real one lead to no plan
@@ -61,28 +61,33 @@ class PlannedTransition:
     settle: float  # time before the trajectory begins [s]
 
     def __repr__(self) -> str:
-        steps, dt, n = len(self.gains), self.hold_goal.config.dt, self.hold_goal.config.n
+        steps, dt, n = len(self.gains), self.config.dt, self.config.n
         return f"PlannedTransition({n} rods, {steps} steps of {dt:g} s, settle={self.settle:g} s)"
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
         del observation
-        return env_actions(self.hold_goal.config, self.tracking(info).actions)
+        return env_actions(self.config, self.tracking(info).actions)
+
+    @property
+    def config(self) -> EnvConfig:
+        """The settings of the environment that the plan is for."""
+        return self.hold_goal.config
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from the trajectory.
 
         Of a single environment its arrays have no leading axis of B.
         """
-        return self.at(state_of(self.hold_goal.config, info), np.asarray(info["time"]))
+        return self.at(state_of(self.config, info), np.asarray(info["time"]))
 
     def at(self, states: FloatArray, time: FloatArray) -> Tracking:
         """Return `tracking` in states (q, u), (..., 2c), at times [s], (...)."""
-        steps, dt = len(self.gains), self.hold_goal.config.dt
+        steps, dt = len(self.gains), self.config.dt
         step = np.rint(time / dt).astype(np.int64) - round(self.settle / dt)
         k = np.clip(step, 0, steps - 1)
         away = states - self.nominal.states[np.clip(step, 0, steps)]
-        deviation = wrapped(self.hold_goal.config, away)
+        deviation = wrapped(self.config, away)
         track = self.nominal.actions[k] - np.einsum("...ji,...i->...j", self.gains[k], deviation)
         before, after = (step < 0)[..., None], (step >= steps)[..., None]
         start, goal = self.hold_start.actions(states), self.hold_goal.actions(states)
@@ -193,22 +198,27 @@ def planned_transition(
     )
     if np.array_equal(begin, end):
         raise ValueError(f"goal must be another equilibrium than start, got {end.tolist()}")
-    steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
+    steps = number_of_steps("seconds", seconds, config.dt)
     settle = _checks.nonnegative_number("settle", settle)
-    _checks.choice("guess", guess, GUESSES)
+    if _checks.choice("guess", guess, GUESSES) == "mpc" and config.chain.gravity == 0.0:
+        raise ValueError('guess must be "waves" without gravity, where MPC knows no horizon')
     problem = Transcription(config, steps, begin, end)
     tries, seed = _checks.count("tries", tries), _checks.count("seed", seed, low=0)
 
+    def generators() -> list[np.random.Generator]:
+        return [np.random.default_rng([seed, k]) for k in range(tries)]
+
     def plans(guesses: Sequence[tuple[FloatArray, FloatArray]]) -> list[PlannedTransition]:
-        nominals = [problem.solve(*guesses[attempt]) for attempt in progress(range(tries))]
+        nominals = [problem.solve(*guesses[attempt]) for attempt in progress(range(len(guesses)))]
         return [track(config, nominal, settle) for nominal in nominals if nominal is not None]
 
     def by_mpc(config: EnvConfig) -> list[tuple[FloatArray, FloatArray]]:
-        motions = mpc_motions(config, begin, end, steps, _generators(seed, tries))
+        near = [rng.uniform(-_START, _START, config.state_size) for rng in generators()]
+        motions = mpc_motions(config, np.stack(near) + at_rest(config, begin), end, steps)
         return [problem.unknowns(*motion) for motion in motions]
 
     if guess == "waves":
-        found = plans([problem.wavy_guess(rng) for rng in _generators(seed, tries)])
+        found = plans([problem.wavy_guess(rng) for rng in generators()])
     else:
         found = plans(by_mpc(config))
         if not found and config.rail is not None:
@@ -223,26 +233,19 @@ def planned_transition(
     return min(found, key=lambda controller: controller.sensitivity)
 
 
-def _generators(seed: int, tries: int) -> list[np.random.Generator]:
-    return [np.random.default_rng([seed, k]) for k in range(tries)]
-
-
 def mpc_motions(
-    config: EnvConfig,
-    start: FloatArray,
-    goal: FloatArray,
-    steps: int,
-    rngs: Sequence[np.random.Generator],
+    config: EnvConfig, states: FloatArray, goal: FloatArray, steps: int
 ) -> list[NominalTrajectory]:
-    """Return transitions by `MPC`, side by side, from states near `start` that are drawn."""
+    """Return transitions by `MPC` from these states, (B, 2c), without those that diverge."""
     step, controller = StepModel(config), MPC(config, goal)
-    states = np.stack([rng.uniform(-_START, _START, config.state_size) for rng in rngs])
-    states += at_rest(config, start)
     motions, actions = [states], list[FloatArray]()
-    for k in range(steps):
-        actions.append(controller.plan(states, np.full(len(states), k * config.dt)))
-        states = step(states, actions[-1])
-        motions.append(states)
+    try:
+        for k in range(steps):
+            actions.append(controller.plan(motions[-1], np.full(len(states), k * config.dt)))
+            motions.append(step(motions[-1], actions[-1]))
+    except FloatingPointError:  # one of them diverges
+        alone = np.split(states, len(states)) if len(states) > 1 else []
+        return [motion for one in alone for motion in mpc_motions(config, one, goal, steps)]
     pairs = zip(np.stack(motions, axis=1), np.stack(actions, axis=1), strict=True)
     return [NominalTrajectory(*pair) for pair in pairs]
 

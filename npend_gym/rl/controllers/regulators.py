@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,7 @@ from npend_gym.rl.controllers.step_model import (
 _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 _OF_CART = 4.0  # weight of the square of the cart's place over the rail
 _CENTRE = 0.6  # of the force limit, for a cart one mean length of the rods away
+_RIGHT, _WRONG = 1e-6, 1e-3  # residuals of Riccati's equation, over its solution
 
 
 def discretise(
@@ -120,7 +122,8 @@ def lqr(
     TypeError, ValueError
         If an argument breaks its rule, or the environment has no motor.
     numpy.linalg.LinAlgError
-        If the actuated joints cannot stabilise this equilibrium.
+        If the actuated joints cannot stabilise this equilibrium, or double precision does not
+        suffice, as for one motor at the base of 14 upright rods.
 
     Examples
     --------
@@ -133,7 +136,8 @@ def lqr(
     check_config(config)
     checked_equilibrium("angle", _checks.vector("angle", angle, config.n))
     weight = _checks.positive_number("action_weight", action_weight)
-    return StateFeedback(config, angle, riccati(config, angle, weight)[0])
+    gain = riccati(config, angle, weight)[0]
+    return StateFeedback(config, _checks.array("angle", angle), gain)  # a copy
 
 
 def riccati(
@@ -144,25 +148,55 @@ def riccati(
     passive = np.ones(config.n, np.bool_)
     passive[motors(config)] = False
     q, free = state_weights(config), np.zeros_like(passive)
+    rubbing = (passive, free) if np.any(config.chain.friction[passive]) else (free,)
+    systems = [discretise(config, angle, rub=rub) for rub in rubbing]
     solutions: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    for rub in (passive, free) if np.any(config.chain.friction[passive]) else (free,):
-        a, b = discretise(config, angle, rub=rub)
-        r = action_weight * np.eye(b.shape[1])
-        s: FloatArray = np.asarray(solve_discrete_are(a, b, q, r), np.float64)
-        gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
-        solutions.append((np.asarray(gain, np.float64), s, a - b @ gain))
-    # (l / g) omega^2 weighs like an angle
-    gain, s, closed_loop = min(
-        solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(q))))
-    )
-    growth = float(np.abs(np.linalg.eigvals(closed_loop)).max())
-    if growth >= 1.0:  # SciPy finds a solution for one rod without torque, say
+    try:
+        for a, b in systems:
+            gain, s = _solution(a, b, q, action_weight * np.eye(b.shape[1]))
+            solutions.append((gain, s, a - b @ gain))
+        # (l / g) omega^2 weighs like an angle
+        gain, s, closed_loop = min(
+            solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(q))))
+        )
+        growth = float(np.abs(np.linalg.eigvals(closed_loop)).max())
+        if growth >= 1.0:
+            raise np.linalg.LinAlgError(f"deviations that grow by {growth:.6g} in each step")
+    except (np.linalg.LinAlgError, ValueError) as error:  # of SciPy
         raise np.linalg.LinAlgError(
             "the motors must be able to stabilise the equilibrium at angle "
-            f"{_checks.show(angle)}, got deviations that grow by a factor of {growth:.6g} in each "
-            "step: make the environment with a larger max_torque or max_force, or more motors"
-        )
+            f"{_checks.show(angle)}, and double precision must suffice for {config.n} rods with "
+            f"motors at joints {config.joints.tolist()}; got: {error}. Make the environment with "
+            "fewer rods, more motors, or a larger max_torque or max_force"
+        ) from error
     return gain, s
+
+
+def _solution(
+    a: FloatArray, b: FloatArray, q: FloatArray, r: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the gain and S of Riccati's equation.
+
+    Where S has large and small eigenvalues, SciPy loses digits. It is then solved again in
+    coordinates in which the S that was found is the identity.
+    """
+
+    def checked(s: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        gain = np.asarray(np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a), np.float64)
+        residual = np.linalg.norm(q + a.T @ s @ (a - b @ gain) - s) / np.linalg.norm(s)
+        return float(residual), gain, s
+
+    best = checked(np.asarray(solve_discrete_are(a, b, q, r), np.float64))
+    with suppress(np.linalg.LinAlgError, ValueError):
+        for _ in range(3 if best[0] > _RIGHT else 0):
+            sizes, axes = np.linalg.eigh(best[2])
+            sizes = np.sqrt(np.maximum(sizes, np.finfo(float).eps * sizes[-1]))
+            to, back = (axes * sizes).T, axes / sizes
+            again: Any = solve_discrete_are(to @ a @ back, to @ b, back.T @ q @ back, r)
+            best = min(best, checked(to.T @ again @ to), key=lambda one: one[0])
+    if not best[0] < _WRONG:
+        raise np.linalg.LinAlgError(f"Riccati's equation is missed by {best[0]:.2g}")
+    return best[1:]
 
 
 def state_weights(config: EnvConfig) -> FloatArray:
@@ -184,6 +218,7 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     rest. A brake takes energy out of every mode of the chain; a brake that is too strong holds the
     upper rod, or the cart, still while the others continue to swing. A cart comes back to where the
     chain was released at rest, and nothing pulls it there: its place is left out of the system.
+    Without gravity no mode swings, which is a ValueError.
 
     Examples
     --------
@@ -194,6 +229,7 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     [True, True]
     """
     check_config(config)
+    _checks.positive_number("gravity", config.chain.gravity)
     a, b = discretise(config, 0.0)
     gain = np.zeros((b.shape[1], a.shape[0]))
     gain[0, a.shape[0] // 2 :] = _turned_by(config)[0]

@@ -33,19 +33,25 @@ def check_config(config: Any) -> None:
 
 def state_of(config: EnvConfig, info: Mapping[str, Any]) -> FloatArray:
     """Return the states (q, u) that `info` tells, (B, 2c); of a single environment (2c,)."""
-    theta, on_cart = np.asarray(info["theta"], np.float64), "cart_position" in info
-    if theta.ndim not in (1, 2) or theta.shape[-1] != config.n:
+    shape, on_cart = np.shape(info["theta"]), "cart_position" in info
+    if len(shape) not in (1, 2) or shape[-1] != config.n:
         raise ValueError(
             f'info["theta"] must have the shape (B, {config.n}), or ({config.n},) in a single '
-            f"environment, got {theta.shape}"
+            f"environment, got {shape}"
         )
     if on_cart != config.has_cart:
         raise ValueError(
             f'info must {"" if config.has_cart else "not "}have "cart_position" and '
             f'"cart_velocity": the controller was made for base="{config.base}"'
         )
-    cart = [np.asarray(info[f"cart_{name}"]) for name in ("position", "velocity") if on_cart]
-    return joined(theta, np.asarray(info["omega"]), cart)
+    shapes = {"theta": shape, "omega": shape}
+    if on_cart:
+        shapes |= {"cart_position": shape[:-1], "cart_velocity": shape[:-1]}
+    values = [np.asarray(info[name], np.float64) for name in shapes]
+    for (name, wanted), value in zip(shapes.items(), values, strict=True):
+        if value.shape != wanted:
+            raise ValueError(f'info["{name}"] must have the shape {wanted}, got {value.shape}')
+    return joined(values[0], values[1], values[2:])
 
 
 def joined(theta: FloatArray, omega: FloatArray, cart: Iterable[FloatArray]) -> FloatArray:
@@ -62,6 +68,8 @@ def env_actions(config: EnvConfig, actions: FloatArray) -> Any:
     levels = config.torque_levels
     if levels is None:
         return actions
+    if not np.isfinite(actions).all():
+        raise ValueError(f"action must be finite, got {_checks.show(actions)}")
     digits = np.rint(0.5 * (levels - 1) * (np.clip(actions, -1.0, 1.0) + 1.0))
     places = levels ** np.arange(config.joints.size)[::-1]
     return (digits.astype(np.int64) * places).sum(axis=-1)

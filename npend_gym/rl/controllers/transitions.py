@@ -21,17 +21,20 @@ from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
 from npend_gym.rl.controllers.step_model import (
     StepModel,
+    at_rest,
     check_config,
     env_actions,
     state_of,
+    wrapped,
 )
 from npend_gym.rl.controllers.transcription import NominalTrajectory
+from npend_gym.rl.evaluation.settings import env_of
 
 MAX_BYTES = 100_000_000  # of a file of plans once unpacked
 _HEADER = 256  # bytes, at most, before the numbers of an array in a file
 _MAX_RODS = 8  # 65 280 pairs
 _LARGEST = 1e5  # rad, rad/s or s
-_DEFECT = 1e-6  # rad and rad/s by which a step of a plan may miss the next state
+_DEFECT = 1e-6  # rad and rad/s by which a plan may miss its ends, and a step the next state
 
 Pair = tuple[tuple[bool, ...], tuple[bool, ...]]  # which rods stand at the start, and at the goal
 
@@ -50,12 +53,20 @@ class PlannedTransitions:
         ``plans[(False, False), (True, True)]`` for the swing-up of two rods.
     arguments : mapping, optional
         What the plans were made with, for the record that `save` keeps.
+
+    Raises
+    ------
+    TypeError
+        If there are none, or something else.
     """
 
     def __init__(
         self, plans: Mapping[Pair, PlannedTransition], arguments: Mapping[str, Any] | None = None
     ) -> None:
         self.plans: dict[Pair, PlannedTransition] = dict(plans)
+        given: list[Any] = [*self.plans.values()]
+        if not given or not all(isinstance(plan, PlannedTransition) for plan in given):
+            raise TypeError(f"plans must be PlannedTransitions, got {_checks.show(given)}")
         self.arguments: dict[str, Any] = dict(arguments or {})
         self._numbers = {pair: number for number, pair in enumerate(self.plans)}
         self.reset()
@@ -70,8 +81,12 @@ class PlannedTransitions:
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
         del observation
-        config = next(iter(self.plans.values())).hold_goal.config
-        return env_actions(config, self.tracking(info).actions)
+        return env_actions(self.config, self.tracking(info).actions)
+
+    @property
+    def config(self) -> EnvConfig:
+        """The settings of the environment that the plans are for."""
+        return next(iter(self.plans.values())).config
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from the trajectories of the plans.
@@ -79,7 +94,7 @@ class PlannedTransitions:
         Of a single environment its arrays have no leading axis of B.
         """
         plans = list(self.plans.values())
-        given = state_of(plans[0].hold_goal.config, info)
+        given = state_of(self.config, info)
         states, time = np.atleast_2d(given), np.atleast_1d(info["time"])
         self._begin(states, time, np.atleast_2d(info["goal"]))
         states = states - self._origin
@@ -94,18 +109,19 @@ class PlannedTransitions:
     def _begin(self, states: FloatArray, time: FloatArray, goal: FloatArray) -> None:
         """Find the plans of the environments whose episode begins."""
         n, new = goal.shape[1], np.ones(len(time), np.bool_)
+        number, origin = np.empty(len(time), np.int64), np.zeros(states.shape)
         if time.shape == self._time.shape:
             new[:] = (time < self._time) | (time == 0.0) | np.any(goal != self._goal, axis=1)
-        else:
-            self._number, self._origin = np.empty(len(time), np.int64), np.zeros(states.shape)
+            number, origin = self._number.copy(), self._origin.copy()
         for lane in np.flatnonzero(new):
             half_turns = np.rint(states[lane, :n] / np.pi)
-            self._origin[lane, :n] = 2.0 * np.pi * np.floor(0.5 * half_turns)
+            origin[lane, :n] = 2.0 * np.pi * np.floor(0.5 * half_turns)
             start = np.remainder(half_turns, 2.0) == 1.0
             pair = _pair(start, np.cos(goal[lane]) < 0.0)
             if pair not in self._numbers:
                 raise ValueError(f"there is no plan from {pair[0]} to {pair[1]} (True: stands)")
-            self._number[lane] = self._numbers[pair]
+            number[lane] = self._numbers[pair]
+        self._number, self._origin = number, origin
         self._time, self._goal = time.copy(), goal.copy()
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -114,9 +130,15 @@ class PlannedTransitions:
         Raises
         ------
         ValueError
-            If they take more than 100 MB before they are compressed, which `load` refuses.
+            If they take more than 100 MB before they are compressed, which `load` refuses, or the
+            plans do not all have the same number of steps.
         """
         plans, made = list(self.plans.values()), provenance(plain_keywords(self.arguments))
+        if len(steps := {len(plan.gains) for plan in plans}) > 1:
+            raise ValueError(
+                "seconds must be the same for all plans in a file, got plans of "
+                f"{', '.join(map(str, sorted(steps)))} steps: save them in several files"
+            )
         arrays: dict[str, Any] = {
             "pairs": np.array(list(self.plans), np.bool_),
             "states": np.stack([plan.nominal.states for plan in plans]),
@@ -148,6 +170,7 @@ class PlannedTransitions:
         ValueError
             If the file holds no plans, or the motions are none of this environment.
         """
+        check_config(config)
         try:
             arrays = read_arrays(Path(path), MAX_BYTES)
             pairs, states, actions, settle = _check_arrays(arrays, config)
@@ -207,11 +230,11 @@ def planned_transitions(
     n = _checks.count("the number of rods", config.n, high=_MAX_RODS)
     plans: dict[Pair, PlannedTransition] = {}
     settings: dict[str, Any] = {"settle": settle, "tries": tries, "guess": guess, "seed": seed}
+    arguments = {"env": env_of(config, strict=False), "seconds": seconds} | settings
     for start, goal in progress(pairs_of(n)):
         ends = np.pi * np.array(start), np.pi * np.array(goal)
         plans[start, goal] = planned_transition(config, *ends, seconds, **settings)
-    arguments = {"chain": config.chain.as_dict(), "max_torque": config.max_torque, "dt": config.dt}
-    return PlannedTransitions(plans, arguments | {"seconds": seconds} | settings)
+    return PlannedTransitions(plans, arguments)
 
 
 def pairs_of(n: int) -> list[Pair]:
@@ -235,9 +258,10 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], config: EnvConfig) -> list
     shapes = [(count, 2, n), states, (count, steps, joints), (count,)]
     if [array.shape for array in found] != shapes or count * steps == 0:
         raise ValueError(f"no plans for {n} rods and {joints} motors")
-    for name, values in zip(("states", "actions", "settle"), found[1:], strict=True):
-        if not (np.abs(values) <= _LARGEST).all():
-            raise ValueError(f"{name} must lie within +-{_LARGEST:g}")
+    limits = {"states": _LARGEST, "actions": 1.0, "settle": _LARGEST}
+    for (name, limit), values in zip(limits.items(), found[1:], strict=True):
+        if not (np.abs(values) <= limit).all():
+            raise ValueError(f"{name} must lie within +-{limit:g}")
     _checks.at_least_zero("settle", found[3])
     return found
 
@@ -245,8 +269,8 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], config: EnvConfig) -> list
 def _check_motion(path: object, nominal: NominalTrajectory, pair: Pair, config: EnvConfig) -> None:
     """Raise a ValueError where steps of the environment do not lead along the trajectory."""
     states, actions = nominal
-    half_turns = np.rint(states[[0, -1], : config.n] / np.pi)
-    if _pair(*(np.remainder(half_turns, 2.0) == 1.0)) != pair:
+    ends = np.stack([at_rest(config, np.pi * np.array(stands)) for stands in pair])
+    if not (np.abs(wrapped(config, states[[0, -1]] - ends)) < _DEFECT).all():
         raise ValueError(f"{path} holds plans that do not lead where they say")
     missed = np.abs(StepModel(config)(states[:-1], actions) - states[1:]).max()
     if not missed < _DEFECT:

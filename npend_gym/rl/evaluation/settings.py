@@ -28,6 +28,7 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _PUSHES = {"push_rate", "push_force"}
+_MAX_STEPS = 1_000_000
 _LIMIT = "_max_episode_steps"  # of gymnasium.wrappers.TimeLimit
 _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
@@ -100,7 +101,7 @@ class EnvSetting(NamedTuple):
         config = setting.config
         if config.joints.size == 0:
             raise ValueError(f"mode must be one with a motor, got {config.mode.name!r}")
-        steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
+        steps = number_of_steps("seconds", seconds, config.dt)
         lasting = setting.keywords | {"max_episode_steps": steps}
         return setting._replace(keywords=lasting), config, steps
 
@@ -145,31 +146,47 @@ def _without_making(keywords: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in keywords.items() if name not in _OF_MAKING}
 
 
+def number_of_steps(name: str, seconds: Any, dt: float) -> int:
+    """Return the steps of `dt`, two or more, in a time of this name."""
+    steps = _checks.positive_number(name, seconds) / dt
+    if steps > _MAX_STEPS:
+        raise ValueError(
+            f"{name} must be at most {_MAX_STEPS * dt:g} s, which are {_MAX_STEPS} steps, "
+            f"got {seconds:g}"
+        )
+    return max(2, round(steps))
+
+
 def keywords_of(config: EnvConfig) -> dict[str, Any]:
     """Return the keywords of an environment of these settings."""
     from_others = {*CHAIN_KEYWORDS, "n", "difficulty"}  # `chain` and `max_torque` hold them
     return {k: getattr(config, k) for k in EnvKeywords.__annotations__ if k not in from_others}
 
 
-def env_of(config: EnvConfig) -> dict[str, Any]:
-    """Return keywords of an environment of these settings, as few as say the same, for JSON."""
-    given, mode = keywords_of(config), config.mode
-    known = MODES.get(mode.name, type(mode))
-    if mode.name not in MODES or type(mode) is not known:
-        given["mode"] = f"{type(mode).__module__}:{type(mode).__qualname__}"
-    elif vars(mode) == vars(known()):
-        given["mode"] = mode.name
-    else:
-        raise ValueError(
-            "mode must be unchanged, because a policy stores only the name of its class; got "
-            f"{mode!r}"
-        )
-    uniform: dict[str, Any] = {"n": config.n, "mode": given["mode"]}
-    of_chain: dict[str, Any] = {"chain": config.chain, "mode": given["mode"]}
+def env_of(config: EnvConfig, *, strict: bool = True) -> dict[str, Any]:
+    """Return keywords of an environment of these settings, as few as say the same, for JSON.
+
+    If not `strict`, they are for readers only: of a mode that was changed they show the attributes,
+    and a mode of your own need not be found by its name.
+    """
+    mode, kind = config.mode, type(config.mode)
+    built_in = MODES.get(mode.name) is kind
+    name = mode.name if built_in else f"{kind.__module__}:{kind.__qualname__}"
+    if built_in and vars(mode) != vars(kind()):
+        if strict:
+            raise ValueError(
+                "mode must be unchanged, because a policy stores only the name of its class; got "
+                f"{mode!r}"
+            )
+        name = repr(mode)
+    played = name if strict else mode
+    uniform: dict[str, Any] = {"n": config.n, "mode": played}
+    of_chain: dict[str, Any] = {"chain": config.chain, "mode": played}
     base = uniform if EnvConfig(**uniform).chain == config.chain else of_chain
-    usual = plain_keywords(keywords_of(EnvConfig(**base)) | base)
-    plain = plain_keywords(given)
-    return plain_keywords(base) | {k: v for k, v in plain.items() if v != usual[k]}
+    usual = plain_keywords(keywords_of(EnvConfig(**base)))
+    plain = plain_keywords(keywords_of(config))
+    changed = {k: v for k, v in plain.items() if v != usual[k]}
+    return plain_keywords(base) | changed | {"mode": name}
 
 
 def _attribute(base: Any, name: str) -> Any:
