@@ -19,7 +19,10 @@ def addresses(repository: str) -> dict[str, str]:
     """Return the addresses of a repository such as "https://github.com/OWNER/npend_gym"."""
     if not repository:
         return {}
-    owner, name = repository.removeprefix("https://github.com/").split("/")
+    found = re.fullmatch(r"https://github\.com/([^/]+)/([^/]+)", repository)
+    if found is None:
+        raise ValueError(f"repository must be https://github.com/OWNER/NAME, got {repository!r}")
+    owner, name = found.groups()
     return {
         "Homepage": repository,
         "Documentation": f"https://{owner}.github.io/{name}",
@@ -34,6 +37,7 @@ def readme(text: str, repository: str) -> str:
 
     def absolute(found: re.Match[str]) -> str:
         picture, shown, path = found.groups()
+        shown = LINK.sub(absolute, shown)  # a picture may be a link
         if repository:
             return f"{picture}[{shown}]({repository}/{'raw' if picture else 'blob'}/main/{path})"
         return "" if picture else shown
@@ -46,7 +50,7 @@ class Addresses(MetadataHookInterface):
 
     def update(self, metadata: dict[str, Any]) -> None:
         """Add what the setting decides."""
-        repository = self.config.get("repository", "")
+        repository = self.config.get("repository", "").rstrip("/")
         text = (Path(self.root) / "README.md").read_text("utf-8")
         metadata["readme"] = {"content-type": "text/markdown", "text": readme(text, repository)}
         if repository:

@@ -1,4 +1,4 @@
-"""Check the English: sentences of at most so many words, and no phrase that readers stumbled over.
+"""Check the English: sentences that are too long, and phrases that readers stumbled over.
 
 A heading of a docstring that was wrapped into its paragraph is found too.
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -133,6 +134,10 @@ def files(patterns: list[str]) -> list[str]:
 
 def main(given: list[str]) -> int:
     """Print the findings in the given files, or in all; return 1 if there are some."""
+    given = [Path(os.path.relpath(name, ROOT)).as_posix() for name in given]
+    if unknown := set(given).difference(files([])):
+        print(f"git must know each file, got {', '.join(sorted(unknown))}", file=sys.stderr)
+        return 2
     names = [name for name in files(RULES["files"]) if name not in RULES["exclude"]]
     chosen = [name for name in names if not given or name in given]
     found = [finding for name in chosen for finding in findings(ROOT / name)]

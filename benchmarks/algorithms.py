@@ -13,9 +13,6 @@ chance, of the controllers and of the policies of the package.
 from __future__ import annotations
 
 import argparse
-import csv
-import re
-from functools import partial
 from itertools import product
 from pathlib import Path
 from runpy import run_path
@@ -23,6 +20,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from csv_tables import publish_table, read_rows, texts
 
 from npend_gym.report import write_csv
 from npend_gym.rl import (
@@ -54,7 +52,6 @@ LABELS = {
 }  # fmt: skip
 POLES = range(1, 6)  # on carts, for which controllers are compared
 REFERENCES = tuple(LABELS.values())
-TABLE = re.compile(r"\| task \| controllers.*?\n\n", re.DOTALL)
 
 
 def references(task: str) -> dict[str, Controller]:
@@ -140,20 +137,6 @@ def trainer_of(policy: Policy) -> str:
     return names.get(policy.provenance["trained_by"], "")
 
 
-def read_rows(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a CSV file; an empty cell is None."""
-    with path.open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return [{name: value_of(text) for name, text in row.items()} for row in rows]
-
-
-def value_of(text: str) -> int | float | str | None:
-    """Return the value of a cell in a CSV file."""
-    if text.isdigit():
-        return int(text)
-    return float(text) if re.fullmatch(r"-?[\d.]+", text) else text or None
-
-
 def recorded(name: str = "learning") -> list[dict[str, Any]]:
     """Return the rows of the table in `docs/`, or of its learning curves."""
     return read_rows(DOCS / "results" / f"{name}.csv")
@@ -184,8 +167,7 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
         ]
         for agent, path in runs:
             run = {"task": task, "agent": agent, "seed": int(path.stem.rpartition("-seed")[2])}
-            with path.with_suffix(".csv").open(encoding="utf-8") as file:
-                curve = list(csv.DictReader(file))
+            curve = texts(path.with_suffix(".csv"))
             curves += [run | {key: row.get(key, "") for key in CURVE} for row in curve]
             policy = Policy.load(path)
             end = {"steps": int(curve[-1]["steps"]), "seconds": float(curve[-1]["seconds"])}
@@ -267,17 +249,15 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def publish_table(rows: list[dict[str, Any]]) -> None:
+def publish_rows(rows: list[dict[str, Any]]) -> None:
     """Put the rows into `docs/`, as CSV and as a table."""
     write_csv(DOCS / "results" / "learning.csv", rows)
-    page = DOCS / "results.md"
-    text = TABLE.sub(lambda _: table(rows) + "\n", page.read_text(encoding="utf-8"), count=1)
-    page.write_text(text, encoding="utf-8")
+    publish_table(DOCS / "results.md", "| task | controllers", table(rows))
 
 
 def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path) -> None:
     """Put the results into `docs/`, and the best policy of every task into the package."""
-    publish_table(merged(rows, "learning"))
+    publish_rows(merged(rows, "learning"))
     curves = merged(curves, "learning_curves")
     write_csv(DOCS / "results" / "learning_curves.csv", curves)
     draw(curves, DOCS / "images" / "learning_curves.png")
@@ -289,9 +269,10 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
         ]
         shipped = Policy.pretrained(task) if task in pretrained_names() else None
         candidates = [shipped, *policies] if shipped else policies
-        best = max(candidates, key=partial(score, task), default=None)
-        if best and best is not shipped and best.provenance["evaluation"]["success"] > 0.9:
-            best.save(PRETRAINED / f"{task}.safetensors")
+        scores = [score(task, policy) for policy in candidates]
+        best = max(range(len(scores)), key=scores.__getitem__, default=None)
+        if best is not None and candidates[best] is not shipped and scores[best][0] > 0.9:
+            candidates[best].save(PRETRAINED / f"{task}.safetensors")
 
 
 def score(task: str, policy: Policy) -> tuple[float, float, int]:
@@ -318,7 +299,7 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     if arguments.again:
-        publish_table(renewed(recorded(), arguments.tasks))
+        publish_rows(renewed(recorded(), arguments.tasks))
         return
     for seed in arguments.seeds:
         for task, agent in product(arguments.tasks, arguments.agents):

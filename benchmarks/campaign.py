@@ -1,6 +1,6 @@
 """What a campaign costs beside a plain loop over `pseudo_periods`, and what two cores give.
 
-    python benchmarks/campaign.py                     ratios, writes results/campaign.csv
+    python benchmarks/campaign.py                     ratios, writes results/campaign.csv (--out)
     python benchmarks/campaign.py --releases 1000000  the whole of it with a million releases
 
 Why: a campaign also draws, writes, checks and records, in processes that have to be started. The
@@ -27,12 +27,12 @@ import numpy as np
 import psutil
 
 from npend_gym import Chain, pseudo_periods
+from npend_gym.cli.common import prepare_file
 from npend_gym.experiments import CampaignPlan
 from npend_gym.experiments.campaign.task import measure_task, run_task
 from npend_gym.report.outputs import write_csv
 
-N, ROUNDS = 5, 3
-HERE = Path(__file__).parent
+N = 5
 _LOOP = f"""
 import sys, time
 import numpy as np
@@ -122,18 +122,12 @@ def task_ratio() -> float:
     return best[0] / best[1]
 
 
-def ratios(releases: int) -> list[dict[str, object]]:
+def ratios(releases: int, turns: int) -> list[dict[str, object]]:
     """Measure in turns and return the rows; the best round of each counts."""
     rounds = []
-    for _ in range(ROUNDS):
-        rounds.append(
-            {
-                "loop": loops(releases),
-                "two loops": loops(releases, 2),
-                "one": campaign(releases, 1),
-                "two": campaign(releases, 2),
-            }
-        )
+    for _ in range(turns):
+        costs = {"loop": loops(releases), "two loops": loops(releases, 2)}
+        rounds.append(costs | {"one": campaign(releases, 1), "two": campaign(releases, 2)})
         print({name: (round(c.wall, 1), round(c.cpu, 1)) for name, c in rounds[-1].items()})
 
     def best(name: str, quantity: str) -> float:
@@ -160,11 +154,19 @@ def row(what: str, value: float, unit: str) -> dict[str, object]:
     return {"what": what, "value": value, "unit": unit}
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Measure, print and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--releases", type=int, default=50_000, help="in each run (50000)")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"in turns ({ROUNDS})")
+    parser.add_argument("--rounds", type=int, default=3, help="in turns (3)")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results/campaign.csv")
     arguments = parser.parse_args()
-    ROUNDS = arguments.rounds
-    done = [row("releases", arguments.releases, f"N = {N}"), *ratios(arguments.releases)]
-    write_csv(HERE / "results" / "campaign.csv", done)
+    releases, rounds = arguments.releases, arguments.rounds
+    if min(releases, rounds) < 1:
+        parser.error("--releases and --rounds must be at least 1")
+    prepare_file(arguments.out, [".csv"])
+    write_csv(arguments.out, [row("releases", releases, f"N = {N}"), *ratios(releases, rounds)])
+
+
+if __name__ == "__main__":
+    main()

@@ -11,9 +11,7 @@ interrupted. `--publish` measures nothing: it puts rows, table and figure into `
 from __future__ import annotations
 
 import argparse
-import csv
 import math
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -23,6 +21,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from csv_tables import publish_table, read_rows
 from matplotlib.figure import Figure
 from scipy.linalg import expm, solve_discrete_are
 
@@ -40,7 +39,6 @@ from npend_gym.theory.unstable_modes import with_lag
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "notes" / "how_hard.md"
-TABLE = re.compile(r"\| base \|.*?\n\n", re.DOTALL)
 BASES, RODS = ("pivot", "cart"), range(1, 11)
 SENSED = ("noise", "resolution")
 LABELS = {"task": "strong motor", "weak": "weak motor"}
@@ -52,7 +50,7 @@ SHARE = 0.1  # of the largest noise, with which delay and lag are found
 CENTRING = 0.03  # 1/s, how fast a cart comes back to the middle of its rail
 WIDTH = 2.0  # the search begins within this factor of the theory
 HALVINGS = 5
-LOWEST = 1e-3  # of the theory, below which nothing is looked for
+LOWEST = 1e-3  # of the theory, below which nothing is looked for; nor above 1 / LOWEST
 EPISODES = 64
 
 
@@ -198,6 +196,10 @@ def found_by_halving(share: Callable[[float], float]) -> float:
         low, high = 0.5 * low, low
         if low < LOWEST:
             return 0.0
+    while share(high) >= 0.5:
+        low, high = high, 2.0 * high
+        if high > 1.0 / LOWEST:
+            raise ValueError(f"half of the episodes last at {1.0 / LOWEST:g} times the theory")
     for _ in range(HALVINGS):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if share(middle) >= 0.5 else (low, middle)
@@ -233,17 +235,9 @@ def cells() -> list[tuple[str, int, str, str]]:
     return [(base, n, *kind) for kind, base, n in product(kinds, BASES, RODS)]
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a file; none if there is none."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def of_row(row: Mapping[str, Any]) -> tuple[str, int, str, str]:
     """Return which cell a row is of."""
-    return row["base"], int(row["rods"]), row["motor"], row["quantity"]
+    return row["base"], row["rods"], row["motor"], row["quantity"]
 
 
 def by_cell(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, int, str, str], Any]:
@@ -261,16 +255,14 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for base, n in product(BASES, RODS):
         first = found[base, n, "weak", "noise"]
-        cells = [base, str(n), f"{float(first['fastest_pole']):.1f}"]
-        cells.append(f"{float(first['bits_per_second']):.0f}")
+        cells = [base, str(n), f"{first['fastest_pole']:.1f}"]
+        cells.append(f"{first['bits_per_second']:.0f}")
         for name, weak in WEAK.items():
             motor = "task" if name in SENSED else weak
-            cells.append(f"{float(found[base, n, motor, name]['theory']):.2g}")
-        cells.append(f"{float(first['static_delay']):.2g}")
-        cells += [
-            f"{float(found[base, n, motor, name]['ratio']):.2f}" for name, motor in WEAK.items()
-        ]
-        cells.append(f"{float(found[base, n, 'task', 'noise']['ratio']):.2f}")
+            cells.append(f"{found[base, n, motor, name]['theory']:.2g}")
+        cells.append(f"{first['static_delay']:.2g}")
+        cells += [f"{found[base, n, motor, name]['ratio']:.2f}" for name, motor in WEAK.items()]
+        cells.append(f"{found[base, n, 'task', 'noise']['ratio']:.2f}")
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
@@ -285,12 +277,10 @@ def figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         for motor, line, mark in (("task", "-", "s"), ("weak", "--", "o")):
             of = [found[base, n, motor, "noise"] for n in RODS]
             name = f"{base}, {LABELS[motor]}"
-            left.plot(RODS, [float(row["theory"]) for row in of], line, color=color, label=name)
-            values = [float(row["measured"]) for row in of]
-            left.plot(RODS, values, mark, color=color, markersize=4)
-    for base, color in zip(BASES, (BLUE, ORANGE), strict=True):
+            left.plot(RODS, [row["theory"] for row in of], line, color=color, label=name)
+            left.plot(RODS, [row["measured"] for row in of], mark, color=color, markersize=4)
         for quantity, mark in zip(QUANTITIES, "osx^", strict=True):
-            ratios = [float(found[base, n, WEAK[quantity], quantity]["ratio"]) for n in RODS]
+            ratios = [found[base, n, WEAK[quantity], quantity]["ratio"] for n in RODS]
             right.plot(RODS, ratios, mark, color=color, markersize=4, label=f"{quantity}, {base}")
     right.axhspan(0.8, 1.2, color=FAINT, alpha=0.4, linewidth=0.0)
     left.set(yscale="log", xlabel="rods", ylabel="noise of the angles [rad]", xticks=RODS)
@@ -307,11 +297,10 @@ def publish(rows: Sequence[Mapping[str, Any]]) -> None:
     missing = [cell for cell in cells() if cell not in by_cell(rows)]
     if missing:
         raise SystemExit(f"{len(missing)} cells must be measured first, such as {missing[0]}")
-    shown, drawn = table(rows) + "\n", figure(rows)
+    shown, drawn = table(rows), figure(rows)
     write_csv(DOCS / "results" / "hardness.csv", rows)
     write_figure(DOCS / "images" / "hardness.png", drawn)
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(TABLE.sub(lambda _: shown, page, count=1), encoding="utf-8")
+    publish_table(PAGE, "| base |", shown)
 
 
 def main() -> None:
@@ -321,7 +310,7 @@ def main() -> None:
     parser.add_argument("--quantities", nargs="+", choices=QUANTITIES, default=list(QUANTITIES))
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
-    rows = read(arguments.out)
+    rows = read_rows(arguments.out)
     if arguments.publish:
         publish(rows)
         return

@@ -3,7 +3,7 @@
     python benchmarks/judge_engines.py --out benchmarks/results     all that are installed
     python benchmarks/judge_engines.py --engine "MuJoCo RK4" --case links
     python benchmarks/judge_engines.py --derivatives -o results     of the state after 1 s
-    python benchmarks/judge_engines.py --make-references            anew; needs heyoka
+    python benchmarks/judge_engines.py --make-references            compute the cases; needs heyoka
 
 Engines with fixed steps take steps of 1/1024 s. `certify/README.md` describes the cases, and how
 an engine is added. An engine that is missing, cannot express a case or diverges gets a row with
@@ -13,16 +13,18 @@ The file keeps the rows of engines and cases that are not run again.
 
 from __future__ import annotations
 
-import csv
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from certify import derivatives, jax_runners, oracle, runners
-from certify.cases import Case, read
+from certify.cases import TIMES, Case, read
+from csv_tables import merged_rows
 
 from npend_gym import _provenance
 from npend_gym.cli.common import OK, Parser, can_draw, dispatch, show_written
@@ -40,17 +42,19 @@ Row = dict[str, Any]
 
 def rows(cases: Sequence[Case], names: Sequence[str]) -> Iterator[Row]:
     """Yield what each engine made of each case, or why it could not."""
-    made_by = _provenance.machine()
-    for case in cases:
-        for name in names:
-            row = _about(name, case) | _tried(lambda n=name, c=case: _played(n, c))
-            yield row | {"made_by": made_by}
+    return _rows(product(cases, names), _played)
+
+
+def _rows(pairs: Iterable[tuple[Case, str]], play: Callable[[str, Case], Row]) -> Iterator[Row]:
+    made_by = {"made_by": _provenance.machine()}
+    for case, name in pairs:
+        yield _about(name, case) | _tried(partial(play, name, case)) | made_by
 
 
 def _played(name: str, case: Case) -> Row:
     played = runners.play(ENGINES[name], case, STEP)
     errors = runners.errors(case, played)
-    columns = {f"error_{t}_s": f"{e:.3g}" for t, e in zip((1, 5, 10), errors, strict=True)}
+    columns = {f"error_{t}_s": f"{e:.3g}" for t, e in zip(TIMES, errors, strict=True)}
     error = runners.energy_error(case, played)
     if not error < DIVERGED:
         return {"reason": "diverged"}
@@ -62,14 +66,9 @@ def _played(name: str, case: Case) -> Row:
 
 def derivative_rows(cases: Sequence[Case], names: Sequence[str]) -> Iterator[Row]:
     """Yield the relative error of each engine's derivative of the state after 1 s by the start."""
-    made_by = _provenance.machine()
-    for case in cases:
-        if case.derivative is not None:
-            for name in derivatives.ENGINES:
-                if name in names:
-                    row = _about(name, case)
-                    row |= _tried(lambda n=name, c=case: derivatives.compared(n, c, STEP))
-                    yield row | {"made_by": made_by}
+    given = [case for case in cases if case.derivative is not None]
+    engines = [name for name in derivatives.ENGINES if name in names]
+    return _rows(product(given, engines), partial(derivatives.compared, dt=STEP))
 
 
 def _about(name: str, case: Case) -> Row:
@@ -124,8 +123,8 @@ def diagram(done: Sequence[Row], case: str = SHOWN) -> Figure:
     return draw()
 
 
-FIELDS = ("case", "engine", "version", "method", "precision", "error_1_s", "error_5_s",
-          "error_10_s", "energy_error", "us_per_step", "steps", "reason", "made_by")  # fmt: skip
+FIELDS = ("case", "engine", "version", "method", "precision", *(f"error_{t}_s" for t in TIMES),
+          "energy_error", "us_per_step", "steps", "reason", "made_by")  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -135,10 +134,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--engine", action="append", choices=ENGINES, help="one, or several (all)")
     parser.add_argument("--case", action="append", choices=cases, help="one, or several (all)")
     parser.add_argument("--derivatives", action="store_true", help="compare derivatives")
-    parser.add_argument("--make-references", action="store_true", help="compute the cases anew")
+    parser.add_argument("--make-references", action="store_true", help="compute the cases")
     parser.add_argument("--json", action="store_true", help="print the rows as JSON at the end")
     parser.add_argument("-o", "--out", type=Path, metavar="FOLDER", help="write a CSV file there")
-    return dispatch(parser, _run, vars(parser.parse_args(argv)) | {"cases": cases})
+    options = parser.parse_args(argv)
+    if options.derivatives:
+        without = [name for name in options.engine or () if name not in derivatives.ENGINES]
+        without += [name for name in options.case or () if cases[name].derivative is None]
+        if without:
+            parser.error(f"--derivatives: there are no derivatives of {', '.join(without)}")
+    return dispatch(parser, _run, vars(options) | {"cases": cases})
 
 
 def _run(options: dict[str, Any]) -> int:
@@ -174,17 +179,11 @@ def _run(options: dict[str, Any]) -> int:
 
 def _merged(path: Path, done: Sequence[Row]) -> list[Row]:
     """Return the rows of a file, those of the same case and engine replaced, and the new ones."""
-    rows: dict[tuple[str, str], Row] = {}
-    if path.exists():
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = {(row["case"], row["engine"]): row for row in csv.DictReader(file)}
-    rows |= {(row["case"], row["engine"]): row for row in done}
+    rows = merged_rows(path, done, "case", "engine")
     cases, engines = [case.name for case in read()], [*ENGINES]
-    cases += [row["case"] for row in rows.values()]  # names that are no longer known come last
-    engines += [row["engine"] for row in rows.values()]
-    return sorted(
-        rows.values(), key=lambda row: (cases.index(row["case"]), engines.index(row["engine"]))
-    )
+    cases += [row["case"] for row in rows]  # names that are no longer known come last
+    engines += [row["engine"] for row in rows]
+    return sorted(rows, key=lambda row: (cases.index(row["case"]), engines.index(row["engine"])))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """How fast Stable-Baselines3's PPO learns on our vector environment and on its own.
 
     pip install -c constraints.txt -e ".[rl]"
-    python benchmarks/learning.py        prints a table, writes results/learning.csv
+    python benchmarks/learning.py        prints a table, writes results/learning.csv (--out)
 
 The same PPO, policy and number of environments run on the adapter with the native vector
 environment, on DummyVecEnv and on SubprocVecEnv with single environments; runs alternate, and the
@@ -25,6 +25,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym._provenance import machine
+from npend_gym.cli.common import prepare_file
 from npend_gym.report.outputs import write_csv
 from npend_gym.rl import SB3VecEnv
 
@@ -105,9 +106,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rollouts", type=int, default=4)
     parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results/learning.csv")
     arguments = parser.parse_args()
     if min(arguments.rollouts, arguments.rounds) < 1:
         parser.error("--rollouts and --rounds must be at least 1")
+    prepare_file(arguments.out, [".csv"])
     torch.set_num_threads(1)
     kinds = {"adapter": adapter, "DummyVecEnv": dummy, "SubprocVecEnv": subproc}
     rows: list[dict[str, Any]] = []
@@ -127,7 +130,7 @@ def main() -> None:
             }
             rows.append(row | {"machine": machine()})
             print("|", *(f"{cell} |" for cell in row.values()), flush=True)
-    write_csv(Path(__file__).parent / "results" / "learning.csv", rows)
+    write_csv(arguments.out, rows)
 
 
 if __name__ == "__main__":

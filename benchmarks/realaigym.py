@@ -15,12 +15,12 @@ their own. Nothing of their code is in this repository.
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from csv_tables import merged_rows
 from double_pendulum.analysis.leaderboard import get_uptime
 from double_pendulum.controller.abstract_controller import AbstractController
 from double_pendulum.controller.global_policy_testing_controller import (
@@ -117,15 +117,6 @@ def _row(name: str, where: str, scores: Any) -> dict[str, Any]:
     return row | {key: round(float(value), 4) for key, value in numbers.items()}
 
 
-def _merged(path: Path, done: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of a file, those of the same controller and simulator replaced."""
-    rows: list[dict[str, Any]] = []
-    if path.exists():
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = [*csv.DictReader(file)]
-    return [*{(row["controller"], row["simulator"]): row for row in rows + done}.values()]
-
-
 def main() -> None:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -142,7 +133,8 @@ def main() -> None:
         for where, scores in (("RealAIGym", theirs), ("npend_gym", ours)):
             rows.append(_row(name, where, scores))
             print(rows[-1], flush=True)
-        write_csv(options.out, _merged(options.out, rows))  # a later error leaves these
+        merged = merged_rows(options.out, rows, "controller", "simulator")
+        write_csv(options.out, merged)  # a later error leaves these
 
 
 if __name__ == "__main__":

@@ -9,13 +9,13 @@ or differ in one parameter. It prints a table and writes `robustness.csv` and a 
 from __future__ import annotations
 
 import argparse
-import re
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from algorithms import DOCS, read_rows
+from algorithms import DOCS
+from csv_tables import publish_table
 from tqdm import tqdm
 
 from npend_gym._palette import BLUE, FAINT, ORANGE
@@ -27,8 +27,8 @@ TASKS = ("swingup-1", "calm-2")
 FACTORED = ("masses", "lengths", "gravity", "max_torque")  # of ROBUST; damping has values
 FACTORS = [round(0.1 * tenth, 1) for tenth in range(5, 16)]
 PAGE = DOCS / "notes" / "randomized_training.md"
-TABLE = re.compile(r"\| chain \|.*?\n\n", re.DOTALL)
 NOMINAL, WHOLE, LOW, HIGH = "as made", "drawn from the whole range", "all low", "all high"
+DAMPED = f"damping {ROBUST['damping']['high']}"
 
 
 def ends(name: str) -> tuple[float, float]:
@@ -48,7 +48,7 @@ def cases(n: int) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {NOMINAL: {}, WHOLE: ROBUST}
     for name, factor in product(FACTORED, FACTORS):
         found[f"{name} x {factor}"] = fixed(name, factor)
-    found["damping 0.05"] = fixed("damping", ends("damping")[1])
+    found[DAMPED] = fixed("damping", ends("damping")[1])
     for name in FACTORED[:2] if n == 2 else ():
         for pair in (list(ends(name)), list(ends(name))[::-1]):
             found[f"{name} x {pair[0]} and {pair[1]}"] = fixed(name, pair)
@@ -91,7 +91,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     success = success_of(rows)
     policies = list(dict.fromkeys(policy for policy, _ in success))
     shown = [NOMINAL, WHOLE]
-    shown += [f"{name} x {end}" for name in FACTORED for end in ends(name)] + ["damping 0.05"]
+    shown += [f"{name} x {end}" for name in FACTORED for end in ends(name)] + [DAMPED]
     shown += [case for case in cases(2) if " and " in case] + [LOW, HIGH]
     lines = [f"| chain | {' | '.join(policies)} |", "|---" * (len(policies) + 1) + "|"]
     for case in shown:
@@ -141,17 +141,11 @@ def main() -> None:
     folder, picture = arguments.out, arguments.out / "robustness.png"
     if arguments.publish:
         folder, picture = DOCS / "results", DOCS / "images" / "robustness.png"
-        page = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(TABLE.sub(lambda _: table(rows) + "\n", page, count=1), encoding="utf-8")
+        publish_table(PAGE, "| chain |", table(rows))
     folder.mkdir(parents=True, exist_ok=True)
     write_csv(folder / "robustness.csv", rows)
     figure(rows).savefig(picture)
     print(table(rows))
-
-
-def recorded() -> list[dict[str, Any]]:
-    """Return the rows that are published."""
-    return read_rows(DOCS / "results" / "robustness.csv")
 
 
 if __name__ == "__main__":

@@ -19,9 +19,7 @@ All runs of a folder have the same `--budget`.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
-import re
 import sys
 import time
 from collections.abc import Callable
@@ -35,6 +33,7 @@ import sb3_contrib
 import stable_baselines3
 import torch
 import yaml
+from csv_tables import publish_table, texts
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -59,7 +58,6 @@ from train_sb3 import CONFIGS, algorithm, make_model  # noqa: E402
 CSV = ROOT / "docs" / "results" / "side_by_side.csv"
 FIGURE = ROOT / "docs" / "images" / "side_by_side.png"
 PAGE = ROOT / "docs" / "notes" / "side_by_side.md"
-TABLE = re.compile(r"\| algorithm \|.*?\n\n", re.DOTALL)
 TASKS = tuple(
     f"{mode}-{chain}"
     for chain, mode in product(("1", "1-cart", "2", "2-acrobot"), ("balance", "swingup"))
@@ -169,10 +167,7 @@ def collected(folder: Path, budget: float) -> list[dict[str, Any]]:
 
     Rows in `docs/` of another budget are left out.
     """
-    rows: list[dict[str, Any]] = []
-    if CSV.exists():
-        with CSV.open(encoding="utf-8") as file:
-            rows = [row | {"seed": int(row["seed"])} for row in csv.DictReader(file)]
+    rows = [row | {"seed": int(row["seed"])} for row in texts(CSV)]
     rows = [row for row in rows if float(row["budget"]) == budget] + recorded(folder, budget)
     latest = {tuple(row[key] for key in KEY): row for row in rows}
     return sorted(
@@ -298,6 +293,8 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=BUDGET, help="s of processor time")
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
+    if arguments.budget <= 0.0:
+        parser.error(f"--budget must be above 0, got {arguments.budget:g}")
     if arguments.publish and arguments.budget != BUDGET:
         parser.error(f"--publish needs --budget {BUDGET:g}, got {arguments.budget:g}")
     recorded(arguments.out, arguments.budget)  # raises before any training
@@ -315,9 +312,7 @@ def main() -> None:
     if arguments.publish:
         write_csv(CSV, rows)
         draw(rows, FIGURE)
-        page = PAGE.read_text(encoding="utf-8")
-        page = TABLE.sub(lambda _: table(rows) + "\n", page, count=1)
-        PAGE.write_text(page, encoding="utf-8")
+        publish_table(PAGE, "| algorithm |", table(rows))
 
 
 if __name__ == "__main__":

@@ -55,20 +55,13 @@ static void serial(void)
     substitute(size - 1, 0, 1);
 }
 
-/* Both halves on one thread, row by row in turn. */
+/* Both halves on one thread, row by row in turn; the number of rows is even. */
 static void both(void)
 {
-    int top = size / 2 - 1, below = size / 2, odd = size % 2;
+    int top = size / 2 - 1, below = size / 2;
     double d = diagonal[0], r = right[0], e = diagonal[size - 1], s = right[size - 1];
-    if (odd) { /* the lower half has a row more */
-        double b = beside[size - 2], w = b / e;
-        factor[size - 1] = w;
-        value[size - 1] = s / e;
-        e = diagonal[size - 2] - b * w;
-        s = right[size - 2] - b * value[size - 1];
-    }
     for (int i = 0; i < top; i++) {
-        int j = size - 1 - odd - i;
+        int j = size - 1 - i;
         double b = beside[i], c = beside[j - 1], w = b / d, x = c / e;
         factor[i] = w;
         factor[j] = x;
@@ -83,12 +76,10 @@ static void both(void)
     value[top] = (e * r - b * s) / determinant;
     value[below] = (d * s - b * r) / determinant;
     for (int i = top; i > 0; i--) {
-        int j = size - 1 - odd - (i - 1);
+        int j = size - i;
         value[i - 1] -= factor[i - 1] * value[i];
         value[j] -= factor[j] * value[j - 1];
     }
-    if (odd)
-        value[size - 1] -= factor[size - 1] * value[size - 2];
 }
 
 /* One half of the rows, by thread 0 (the first half) or 1; round counts the solutions. */

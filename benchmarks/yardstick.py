@@ -10,29 +10,29 @@ same bits. C is tried with vectors of 4, 8 and 16 lanes; the best counts.
 from __future__ import annotations
 
 import argparse
-import csv
 import ctypes
 import subprocess
 import tempfile
 import time
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from npend_gym._provenance import machine
 from npend_gym.cli.common import prepare_file
 from npend_gym.compiled.arrays import bare, packs
+from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.rk4 import RK4_ROWS, rk4_step
 from npend_gym.physics.kernels.tensions import ChainArrays
+from npend_gym.report.outputs import write_csv
 
 LANES, STEPS, H, GRAVITY = 256, 20, 1e-3, 9.81
 ROUNDS = 60
 HERE = Path(__file__).parent
 
 
-@numba.njit(nogil=True, error_model="numpy")  # not cached: a cache would not see an edit
+@kernel
 def ours(groups, n, steps, h, theta, omega, torque, v, l, inverse_l, damping, g, scratch):
     """Take `steps` steps with each group of WIDTH chains, arrays [group][rod][lane]."""
     scratch, torque, damping, g = (
@@ -133,15 +133,13 @@ def main() -> None:
         for n in (2, 5, 20, 100):
             mine, theirs = measure(n, Path(folder))
             width = min(theirs, key=lambda w: theirs[w])
-            rows.append((n, mine, theirs[width], width, mine / theirs[width], about))
+            row = {"n": n, "ns_per_link": mine, "c_ns_per_link": theirs[width], "c_lanes": width}
+            rows.append(row | {"ratio": mine / theirs[width], "made_by": about})
             print(
                 f"N = {n:3d}: {mine:5.2f} ns per link and right side, C {theirs[width]:5.2f} "
                 f"({width} lanes): {mine / theirs[width]:.2f} times as long"
             )
-    with out.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["n", "ns_per_link", "c_ns_per_link", "c_lanes", "ratio", "made_by"])
-        writer.writerows(rows)
+    write_csv(out, rows)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 /* Read the encoders behind a serial port every 2 ms, and act as the controller in arm.h does.
- * The chain has two rods and one motor, at the pivot (joint 0).
+ * The chain has two rods and one motor, at the pivot (joint 0); `to_c` has `relative=True`.
  *
  *     cc -std=c99 -O2 -ffp-contract=off -I. examples/control_loop.c -o control_loop
  *     ./control_loop PORT timing.csv
@@ -10,8 +10,8 @@
 
 #include "arm.h"
 
-#if ARM_RODS != 2 || ARM_JOINTS != 1
-#error "control_loop.c needs a chain of two rods with one motor, at the pivot"
+#if ARM_RODS != 2 || ARM_JOINTS != 1 || ARM_MOTOR != 0 || ARM_CART || !ARM_RELATIVE
+#error "control_loop.c needs a chain of two rods with one motor, at the pivot, and relative=True"
 #endif
 
 #define PERIOD 0.002 /* s */

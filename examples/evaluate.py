@@ -15,6 +15,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
+from npend_gym.cli.common import prepare_file
 from npend_gym.cli.values import setting
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.report.robustness_report import evaluation_text
@@ -35,7 +36,7 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller | Model, dict[str,
         arguments.env_id, settings = train_sb3.section(config)
         return model, evaluation_env(settings.get("env_kwargs", {}))
     if arguments.controller:
-        keywords = env_of_task(arguments.task)
+        keywords = env_of_task(arguments.task or "swingup-2")
         progress = partial(tqdm, desc="plans", leave=False, disable=None)
         return reference_controller(arguments.controller, keywords, progress), keywords
     policy = find_policy(str(arguments.policy or arguments.pretrained), trust=arguments.trust)
@@ -51,7 +52,7 @@ def film(
     *,
     env_id: str = ENV_ID,
 ) -> None:
-    """Write the start of an episode as .mp4 or .gif, 25 frames a second, or 12 frames as .png."""
+    """Write the start of an episode as .mp4 or .gif, or 12 frames of it as .png."""
     import imageio.v3 as imageio
 
     env: Any = gym.make(env_id, render_mode="rgb_array", **keywords)
@@ -87,19 +88,27 @@ def main() -> None:
     what.add_argument("--policy", type=Path, help=".safetensors that a training script has written")
     what.add_argument("--run", type=Path, help="folder that train_sb3.py has written")
     what.add_argument("--controller", choices=CONTROLLERS)
-    parser.add_argument("--task", default="swingup-2", help='of the controller, as in "balance-3"')
+    parser.add_argument("--task", help='of --controller, as in "balance-3" ("swingup-2")')
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--steps", type=int, help="of an episode, in place of the default")
     parser.add_argument("--seed", type=int, default=HELD_OUT, help="of the first episode")
     parser.add_argument("--video", type=Path, help="of the first episode: .mp4, .gif or .png")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
-    parser.add_argument("--env-id", default=ENV_ID, help='environment, "npend/SwingUp-v1" say')
+    text = f'environment, "npend/SwingUp-v1" say ({ENV_ID}); --run has its own'
+    parser.add_argument("--env-id", help=text)
     text = "a keyword of the environment, such as damping=0.05; may be repeated"
     parser.add_argument("--env", type=setting, action="append", default=[], help=text)
     parser.add_argument("--trust", action="store_true", help="import what a file names")
     arguments = parser.parse_args()
     if arguments.steps is not None and arguments.steps < 1:
         parser.error(f"--steps must be at least 1, got {arguments.steps}")
+    if arguments.task and not arguments.controller:
+        parser.error("--task is for --controller: a policy has an environment of its own")
+    if arguments.env_id and arguments.run:
+        parser.error("--env-id is not for --run, which has an environment of its own")
+    if arguments.video:
+        prepare_file(arguments.video, [".mp4", ".gif", ".png"], "--video")
+    arguments.env_id = arguments.env_id or ENV_ID
     controller, keywords = chosen(arguments)
     keywords = keywords | dict(arguments.env)
     if arguments.steps:

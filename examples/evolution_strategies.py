@@ -32,6 +32,7 @@ from npend_gym.rl.training.keywords import OF_ENV, used_config
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
+    check_settings,
     env_of_task,
     evaluation_env,
     made_by,
@@ -97,6 +98,7 @@ def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth update."""
+    check_settings(settings)
     keywords = settings.env | {"max_episode_steps": None}
     config = used_config("es", settings.env, OF_ENV - {"observe_context"})
     if config.joints.size != 1 or config.observes_goals:

@@ -64,6 +64,8 @@ def draw_frame(orbits, amplitude, frame, columns):
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "nonlinear_modes.gif")
 most = int(sys.argv[2]) if len(sys.argv) > 2 else 5
+if most < 2:
+    raise SystemExit(f"the largest number of pendulums must be at least 2, got {most}")
 modes = [(n, mode) for n in range(2, most + 1) for mode in range(n)]
 
 families = []

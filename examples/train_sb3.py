@@ -53,7 +53,14 @@ def algorithm(name: str) -> type[BaseAlgorithm]:
 
 def section(config: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return the id of the environment and its settings, the one section in RL Zoo's format."""
-    return next((name, dict(value)) for name, value in config.items() if isinstance(value, dict))
+    parts = config if isinstance(config, dict) else {}  # a file may hold anything
+    found = [(name, dict(value)) for name, value in parts.items() if isinstance(value, dict)]
+    if "algo" not in parts or len(found) != 1 or "n_timesteps" not in found[0][1]:
+        raise ValueError(
+            "a file of settings must have a line `algo`, and one section, named after the "
+            f"environment, with n_timesteps; got {config!r}"
+        )
+    return found[0]
 
 
 def schedule(value: Any) -> Any:
@@ -128,14 +135,13 @@ def state_of(model: BaseAlgorithm) -> dict[str, Any]:
     return state
 
 
-def restore(model: BaseAlgorithm, path: Path) -> dict[str, Any]:
-    """Give a model the state of a checkpoint; return all that this holds."""
+def restore(model: BaseAlgorithm, path: Path) -> None:
+    """Give a model the state of a checkpoint."""
     state = torch.load(path, weights_only=True)
     model.set_parameters(state["parameters"])
     model.num_timesteps = state["steps"]
     for name, statistics in statistics_of(model).items():
         statistics |= {key: value.numpy() for key, value in state.get(name, {}).items()}
-    return state
 
 
 def load_run(folder: Path, *, trust: bool = False) -> tuple[BaseAlgorithm, dict[str, Any]]:
@@ -161,9 +167,11 @@ def score_of(model: BaseAlgorithm, config: dict[str, Any], **options: Any) -> di
 class Checkpoints(BaseCallback):
     """Shows progress, evaluates now and then, writes the last and the best weights."""
 
-    def __init__(self, config: dict[str, Any], folder: Path, total: int, every: int) -> None:
+    def __init__(
+        self, config: dict[str, Any], folder: Path, total: int, every: int, seed: int
+    ) -> None:
         super().__init__()
-        self.config, self.folder, self.every = config, folder, every
+        self.config, self.folder, self.every, self.seed = config, folder, every, seed
         self.bar = tqdm(total=total, unit="step", disable=None)
         self.best, self.next_save = (-1.0, -1.0), 0
         self.earlier_seconds, self.start_time = 0.0, time.process_time()
@@ -190,6 +198,7 @@ class Checkpoints(BaseCallback):
         reached = float(score["success"]), float(score["return"])
         is_best, self.best = reached > self.best, max(reached, self.best)
         state = state_of(self.model) | {"best": self.best, "seconds": self.seconds}
+        state["seed"] = self.seed
         for name in ("best", "last") if is_best else ("last",):
             temporary = self.folder / f"{name}.part"  # an interruption leaves the checkpoint before
             torch.save(state, temporary)
@@ -229,7 +238,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task", help="name of a file in examples/configs, or path of a .yml")
     parser.add_argument("--out", type=Path, help="folder of the run (runs/TASK)")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, help="of the run (0)")
     parser.add_argument(
         "--steps", type=int, help="environment steps in total, in place of the file's"
     )
@@ -252,12 +261,16 @@ def main() -> None:
         parser.error(f"--resume needs the checkpoint {last}, which does not exist")
     if arguments.resume and yaml.safe_load(kept.read_text(encoding="utf-8")) != config:
         parser.error(f"--resume needs the settings of the run: {path} differs from {kept}")
-    total = arguments.steps or int(section(config)[1]["n_timesteps"])
+    state = torch.load(last, weights_only=True) if arguments.resume else {}
+    seed = state.get("seed", arguments.seed or 0)
+    if arguments.seed not in (None, seed):
+        parser.error(f"--resume needs the seed of the run, {seed}; got {arguments.seed}")
+    total = arguments.steps or int(float(section(config)[1]["n_timesteps"]))
     torch.set_num_threads(1)  # two are slower for networks this small
-    model = make_model(config, arguments.seed, str(folder / "tensorboard"))
-    checkpoints = Checkpoints(config, folder, total, arguments.every)
+    model = make_model(config, seed, str(folder / "tensorboard"))
+    checkpoints = Checkpoints(config, folder, total, arguments.every, seed)
     if arguments.resume:  # a replay buffer starts empty again
-        state = restore(model, last)
+        restore(model, last)
         checkpoints.best = state.get("best", checkpoints.best)
         checkpoints.earlier_seconds = state.get("seconds", 0.0)
         checkpoints.next_save = model.num_timesteps + arguments.every
@@ -278,10 +291,10 @@ def main() -> None:
     score = score_of(model, config)
     record = {"training": training, "evaluation": score}
     try:
-        policy_of(model, config, arguments.seed, **record).save(folder / "policy.safetensors")
+        policy_of(model, config, seed, **record).save(folder / "policy.safetensors")
     except ValueError as error:
         print(f"no policy.safetensors is written: {error}")
-    card = model_card(config, arguments.seed, score, made)
+    card = model_card(config, seed, score, made)
     (folder / "README.md").write_text(card, encoding="utf-8")
     print(f"{path.stem}: {score}\nwritten: {folder}")
 

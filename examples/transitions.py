@@ -77,11 +77,10 @@ def main() -> None:
     """Judge what the command line names."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("n", type=int, help="number of rods")
-    parser.add_argument("--pretrained", choices=pretrained_names(), help="policy of the package")
-    parser.add_argument(
-        "--policy", type=Path, help=".safetensors that a training script has written"
-    )
-    parser.add_argument("--plans", type=Path, help=".npz of plans, written where it is missing")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--pretrained", choices=pretrained_names(), help="policy of the package")
+    what.add_argument("--policy", type=Path, help=".safetensors that a training script has written")
+    what.add_argument("--plans", type=Path, help=".npz of plans, written where it is missing")
     parser.add_argument("--tries", type=int, default=4, help="guesses for each plan")
     parser.add_argument("--csv", type=Path, help="file of the table")
     arguments = parser.parse_args()

@@ -30,6 +30,7 @@ import torch
 from torch import Tensor, nn
 
 from npend_gym._checks import FloatArray
+from npend_gym.cli.common import prepare_file
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import Ensemble
 from npend_gym.report import write_csv
@@ -269,8 +270,10 @@ def main() -> None:
         error = returns.std(ddof=1) / math.sqrt(len(returns))
         print(f"mean return {returns.mean():.0f} +- {error:.0f}, {returns.round().tolist()}")
         return
+    if arguments.updates < 1:
+        parser.error(f"--updates must be at least 1, got {arguments.updates}")
     settings = Settings(seed=arguments.seed, updates=arguments.updates)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    prepare_file(arguments.out, [".safetensors"])
     policy, curve = train(settings, "acrobot")
     policy.save(arguments.out)
     write_csv(arguments.out.with_suffix(".csv"), curve)

@@ -214,6 +214,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as own:
         readers = make_readers(Path(own))
         names = options.readers.split(",") if options.readers else list(readers)
+        if unknown := [name for name in names if name not in readers]:
+            parser.error(f"--readers must be of {', '.join(readers)}; got {', '.join(unknown)}")
+        if options.guided and len(names) > 1:
+            parser.error("--guided needs one name in --readers")
         for name in names:  # compile what they need before any clock runs
             assert all(map(readers[name].attempt, readers[name].seeds)), name
         watch = Watch(options.corpus)

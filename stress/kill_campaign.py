@@ -146,9 +146,8 @@ def disturb(
 
 def damage(out: Path, rng: random.Random) -> str:
     """Truncate, change, remove or double a part."""
-    parts = sorted((out / "bobs").rglob("*.parquet")) + sorted(
-        (out / "releases").rglob("*.parquet")
-    )
+    found = [*sorted(out.glob("bobs/**/*.parquet")), *sorted(out.glob("releases/**/*.parquet"))]
+    parts = [part for part in found if part.stat().st_size > 0]
     if not parts or rng.random() < 0.7:
         return ""
     part, kind = rng.choice(parts), rng.randrange(4)
@@ -182,7 +181,7 @@ def run_campaign(
     out: Path, rng: random.Random, longest: dict[int, float], orphans: Orphans
 ) -> Counter[str]:
     """Start, kill and start again until all is done; return what happened."""
-    counts = Counter[str]()
+    counts, harmed = Counter[str](), False
     while True:
         workers = rng.choice((1, 2))
         process = start(out, workers)
@@ -190,12 +189,18 @@ def run_campaign(
         while what == "worker killed":
             what = disturb(process, out, rng, longest[workers], orphans)
             counts[what] += 1
+            harmed |= "killed" in what
         orphans.look()
         if what == "ended":
             return counts
         if what == "gave up":
             print(out.with_suffix(".log").read_text()[-1000:], flush=True)
-        counts[damage(out, rng) or "nothing damaged"] += 1
+            if not harmed:
+                raise RuntimeError("a driver gave up, though nothing was killed or damaged")
+            harmed = False
+        damaged = damage(out, rng)
+        counts[damaged or "nothing damaged"] += 1
+        harmed |= bool(damaged)
 
 
 def main() -> int:
@@ -208,7 +213,10 @@ def main() -> int:
     rng, counts, orphans = random.Random(arguments.seed), Counter[str](), Orphans()
     with tempfile.TemporaryDirectory() as folder:
         took, expected = undisturbed(Path(folder))
-        longest = {workers: arguments.longest or 0.8 * took[workers] for workers in took}
+        longest = {
+            workers: 0.8 * whole if arguments.longest is None else arguments.longest
+            for workers, whole in took.items()
+        }
         kills, began = 0, time.monotonic()
         while kills < arguments.kills:
             out = Path(folder) / f"campaign {counts['ended']}"

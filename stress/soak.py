@@ -35,6 +35,8 @@ from npend_gym import Chain, Trajectory, simulate
 COUNTS = (1, 2, 5, 10, 50)  # rods
 SEEDS = 100
 MAX_GROWTH = 8.0  # MiB after the first fifth
+LANES = 4096  # of `batch`
+LEAST = {"steps": 5, "batch": 5 * LANES, "make": 5}  # a look after each fifth
 TESTS = str(Path(__file__).parent.parent / "tests")
 _ENV = "npend_gym:NPendulum-v0"
 
@@ -48,6 +50,8 @@ def main() -> int:
         command.add_argument(f"--{option}", dest="amount", type=int, default=default)
         command.add_argument("--seed", type=int, default=0, help="of fuzz and properties (0)")
     arguments = parser.parse_args()
+    if arguments.amount < (least := LEAST.get(arguments.what, 1)):
+        parser.error(f"{arguments.what} needs at least {least}, got {arguments.amount}")
     random.seed(arguments.seed)
     start_time = time.process_time()
     kept, text = RUNS[arguments.what][0](arguments.amount)
@@ -109,76 +113,63 @@ def fuzz(calls: int) -> tuple[bool, str]:
     )
 
 
-def _watch(amount: int, work: Callable[[int], Iterator[int]]) -> tuple[bool, str]:
+def _watched(work: Callable[[int], Iterator[int]]) -> Callable[[int], tuple[bool, str]]:
     """Compare the memory, files and threads of the process after each fifth of some work."""
-    process, held, done = psutil.Process(), [], 0
-    for so_far in work(amount):
-        done = so_far
-        held.append(
-            (
-                process.memory_info().rss / 2**20,
-                process.num_fds(),
-                process.num_threads(),
-                len(process.children(recursive=True)),
-            )
+
+    def run(amount: int) -> tuple[bool, str]:
+        process, held, done = psutil.Process(), [], 0
+        for done in work(amount):  # noqa: B007
+            now = process.num_fds(), process.num_threads(), len(process.children(recursive=True))
+            held.append((process.memory_info().rss / 2**20, *now))
+        growth = max(row[0] for row in held) - held[0][0]
+        same = all(row[1:] == held[0][1:] for row in held)
+        text = (
+            f"{done} done, memory +{growth:.2f} MiB after the first fifth, descriptors, threads "
+            f"and children {'the same' if same else [row[1:] for row in held]}"
         )
-    growth = max(row[0] for row in held) - held[0][0]
-    same = all(row[1:] == held[0][1:] for row in held)
-    text = (
-        f"{done} done, memory +{growth:.2f} MiB after the first fifth, descriptors, threads and "
-        f"children {'the same' if same else [row[1:] for row in held]}"
-    )
-    return growth < MAX_GROWTH and same, text
+        return growth < MAX_GROWTH and same, text
+
+    return run
 
 
-def steps(amount: int) -> tuple[bool, str]:
+@_watched
+def steps(amount: int) -> Iterator[int]:
     """Step one env, resetting it whenever it ends."""
-
-    def work(amount: int) -> Iterator[int]:
-        env = gym.make(_ENV, n=2, dt=0.02)
-        env.reset(seed=0)
-        actions = np.random.default_rng(0).uniform(-1.0, 1.0, (997, 1)).astype(np.float32)
-        for k in range(1, amount + 1):
-            _, _, terminated, truncated, _ = env.step(actions[k % 997])
-            if terminated or truncated:
-                env.reset()
-            if k % (amount // 5) == 0:
-                yield k
-
-    return _watch(amount, work)
+    env = gym.make(_ENV, n=2, dt=0.02)
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (997, 1)).astype(np.float32)
+    for k in range(1, amount + 1):
+        _, _, terminated, truncated, _ = env.step(actions[k % 997])
+        if terminated or truncated:
+            env.reset()
+        if k % (amount // 5) == 0:
+            yield k
 
 
-def batch(amount: int) -> tuple[bool, str]:
+@_watched
+def batch(amount: int) -> Iterator[int]:
     """Step a vector env with autoreset, in two threads."""
-
-    def work(amount: int) -> Iterator[int]:
-        lanes = 4096
-        envs = gym.make_vec(_ENV, num_envs=lanes, n=2, substeps=1, threads=2)
-        envs.reset(seed=0)
-        action = np.random.default_rng(0).uniform(-1.0, 1.0, (lanes, 1))
-        calls = amount // lanes
-        for k in range(1, calls + 1):
-            envs.step(action)
-            if k % (calls // 5) == 0:
-                yield k * lanes
-        envs.close()
-
-    return _watch(amount, work)
+    envs = gym.make_vec(_ENV, num_envs=LANES, n=2, substeps=1, threads=2)
+    envs.reset(seed=0)
+    action = np.random.default_rng(0).uniform(-1.0, 1.0, (LANES, 1))
+    calls = amount // LANES
+    for k in range(1, calls + 1):
+        envs.step(action)
+        if k % (calls // 5) == 0:
+            yield k * LANES
+    envs.close()
 
 
-def make(amount: int) -> tuple[bool, str]:
+@_watched
+def make(amount: int) -> Iterator[int]:
     """Make, reset, step and close envs, single and vectorised."""
-
-    def work(amount: int) -> Iterator[int]:
-        for k in range(1, amount + 1):
-            env: Any = gym.make_vec(_ENV, num_envs=3, threads=2) if k % 2 else gym.make(_ENV)
-            env.reset(seed=k)
-            env.step(env.action_space.sample())
-            env.close()
-            if k % (amount // 5) == 0:
-                yield k
-
-    return _watch(amount, work)
+    for k in range(1, amount + 1):
+        env: Any = gym.make_vec(_ENV, num_envs=3, threads=2) if k % 2 else gym.make(_ENV)
+        env.reset(seed=k)
+        env.step(env.action_space.sample())
+        env.close()
+        if k % (amount // 5) == 0:
+            yield k
 
 
 def files(flips: int) -> tuple[bool, str]:

@@ -34,6 +34,17 @@ def test_the_yardstick_shows_its_help_and_measures_nothing(monkeypatch, capsys):
     assert "--out" in capsys.readouterr().out
 
 
+def test_the_yardsticks_job_moves_every_lane_as_dop853_does():
+    job, angles = yardstick.numba_job(2)
+    job()
+    theta, _, v, lengths, _ = (each.reshape(yardstick.LANES, -1) for each in yardstick.chains(2, 1))
+    for lane in (0, 17, yardstick.LANES - 1):
+        chain = Chain(masses=1.0 / v[lane, 1:], lengths=lengths[lane], gravity=yardstick.GRAVITY)
+        path = simulate(chain, theta[lane], 0.0, [0.0, yardstick.STEPS * yardstick.H])
+        moved = yardstick.by_lane(angles)[lane]
+        np.testing.assert_allclose(moved, path.theta[-1], atol=1e-9)
+
+
 def test_a_job_with_twice_the_items_per_call_has_twice_the_rate():
     def wait(calls):
         end = time.process_time() + 1e-4 * calls

@@ -6,7 +6,6 @@ import importlib
 import inspect
 import json
 import re
-import runpy
 import shutil
 
 import gymnasium as gym
@@ -17,6 +16,7 @@ from test_examples import ROOT
 
 from npend_gym import _files
 from npend_gym.rl import Policy
+from npend_gym.rl.training.tasks import env_of_task
 
 EXAMPLES = ROOT / "examples"
 
@@ -27,15 +27,70 @@ def script(tmp_path):
     return lambda name, *arguments: run_script(EXAMPLES / name, *arguments, cwd=tmp_path)
 
 
+@pytest.fixture
+def call(monkeypatch):
+    """A function that calls `main` of a script with arguments of the command line."""
+
+    def run(script, *arguments):
+        monkeypatch.setattr("sys.argv", [f"{script.__name__}.py", *map(str, arguments)])
+        script.main()
+
+    return run
+
+
+def imported(script, *libraries):
+    """Return a script as a module, where the libraries that it needs are installed."""
+    for library in libraries:
+        pytest.importorskip(library)
+    return importlib.import_module(script)
+
+
+@pytest.fixture
+def train_sb3():
+    return imported("train_sb3", "stable_baselines3", "yaml")
+
+
+@pytest.fixture
+def algorithms():
+    return imported("algorithms", "torch")
+
+
+@pytest.fixture
+def side_by_side():
+    return imported("side_by_side", "sb3_contrib", "yaml")
+
+
+def config_of(name):
+    """Return what a file of `examples/configs/` holds."""
+    yaml = pytest.importorskip("yaml")
+    return yaml.safe_load((EXAMPLES / "configs" / f"{name}.yml").read_text())
+
+
+TINY = {
+    "env_kwargs": {"n": 1, "max_episode_steps": 20}, "n_envs": 2, "n_timesteps": 96,
+    "policy": "MlpPolicy", "n_steps": 16, "batch_size": 32, "n_epochs": 1,
+}  # fmt: skip
+
+
+def tiny_config(env_id="npend/Balance-v1", **changes):
+    """Return the settings of a training that takes a second."""
+    return {"algo": "ppo", env_id: TINY | changes}
+
+
+def write_config(path, *arguments, **changes):
+    path.write_text(json.dumps(tiny_config(*arguments, **changes)))  # which YAML reads too
+
+
 def successes_in(text):
     return re.search(r"success  (\d+)/(\d+) = \S+, 95 % confidence", text).groups()
 
 
 def test_evaluate_films_a_policy(script, tmp_path):
     pytest.importorskip("pygame")
-    arguments = ["--episodes", 5, "--video", "a.gif", "--seconds", 0.5]
+    arguments = ["--episodes", 5, "--steps", 30, "--video", "a.gif", "--seconds", 0.5]
     printed = script("evaluate.py", "--pretrained", "swingup-1", *arguments)
-    assert successes_in(printed)[1] == "5"
+    assert "'max_episode_steps': 30" in printed
+    assert successes_in(printed) == ("0", "5")
     assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
 
 
@@ -54,8 +109,7 @@ def test_evaluate_films_discrete_actions_and_environments_with_goals(keywords, a
         seen.append(np.shape(shown["observation"] if "goal_env" in keywords else shown))
         return action
 
-    film = runpy.run_path(str(EXAMPLES / "evaluate.py"))["film"]
-    film(act, {"n": 1} | keywords, 0, 0.25, tmp_path / "a.gif")
+    imported("evaluate").film(act, {"n": 1} | keywords, 0, 0.25, tmp_path / "a.gif")
     assert len(imageio.imread(tmp_path / "a.gif")) == 6
     assert set(seen) == {(1, 2)}
 
@@ -77,20 +131,17 @@ def test_train_sb3_trains_resumes_and_writes_a_policy_and_its_card(script, tmp_p
 
 
 @pytest.mark.long
-def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(tmp_path):
-    pytest.importorskip("stable_baselines3")
-    yaml = pytest.importorskip("yaml")
+def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(train_sb3, tmp_path):
     import torch
-    from train_sb3 import load_run, make_model, state_of
 
     from npend_gym.rl.evaluation.models import as_controller
 
-    text = (EXAMPLES / "configs" / "balance-2.yml").read_text()
-    model = make_model(yaml.safe_load(text), seed=0)
+    config = config_of("balance-2")
+    model = train_sb3.make_model(config, seed=0)
     model.learn(4096)
-    (tmp_path / "config.yml").write_text(text)
-    torch.save(state_of(model), tmp_path / "best.pth")
-    again, _ = load_run(tmp_path)
+    (tmp_path / "config.yml").write_text(json.dumps(config))
+    torch.save(train_sb3.state_of(model), tmp_path / "best.pth")
+    again, _ = train_sb3.load_run(tmp_path)
     venv = model.get_vec_normalize_env().venv
     observation, config = venv.reset(), venv.venv.unwrapped.config
     start = {"time": np.zeros(len(observation))}
@@ -103,18 +154,9 @@ def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(tmp_path
     np.testing.assert_allclose(actions, bare, atol=1e-5)
 
 
-TINY = {
-    "env_kwargs": {"n": 1, "max_episode_steps": 20}, "n_envs": 2, "n_timesteps": 96,
-    "policy": "MlpPolicy", "n_steps": 16, "batch_size": 32, "n_epochs": 1,
-}  # fmt: skip
-
-
-def test_a_resumed_run_of_train_sb3_keeps_the_best_weights(tmp_path, monkeypatch):
+def test_a_resumed_run_of_train_sb3_keeps_the_best_weights(train_sb3, call, tmp_path, monkeypatch):
     """The settings of the resumed run are those in its own folder."""
-    pytest.importorskip("stable_baselines3")
-    yaml = pytest.importorskip("yaml")
     import torch
-    import train_sb3
 
     scores = iter([0.2, 0.9, 0.5, 0.4, *[0.3] * 9])
 
@@ -122,16 +164,14 @@ def test_a_resumed_run_of_train_sb3_keeps_the_best_weights(tmp_path, monkeypatch
         return {"success": next(scores), "return": 0.0, "motor_work": 0.0}
 
     def train(path, *arguments):
-        given = ["train_sb3.py", path, "--out", tmp_path / "a", "--every", 32, *arguments]
-        monkeypatch.setattr("sys.argv", [*map(str, given)])
-        train_sb3.main()
+        call(train_sb3, path, "--out", tmp_path / "a", "--every", 32, *arguments)
         return [
             torch.load(tmp_path / "a" / f"{name}.pth", weights_only=True)["steps"]
             for name in ("best", "last")
         ]
 
     monkeypatch.setattr(train_sb3, "score_of", scored)
-    (tmp_path / "tiny.yml").write_text(yaml.safe_dump({"algo": "ppo", "npend/Balance-v1": TINY}))
+    write_config(tmp_path / "tiny.yml")
     assert train(tmp_path / "tiny.yml") == [32, 96]
     assert len([*scores]) == 8
     scores = iter([0.3] * 4)
@@ -144,17 +184,12 @@ def test_a_resumed_run_of_train_sb3_keeps_the_best_weights(tmp_path, monkeypatch
 
 
 def test_train_sb3_leaves_an_earlier_run_as_it_is_where_it_refuses_or_fails(
-    tmp_path, monkeypatch, capsys
+    train_sb3, call, tmp_path, monkeypatch, capsys
 ):
-    pytest.importorskip("stable_baselines3")
-    yaml = pytest.importorskip("yaml")
     import torch
-    import train_sb3
 
     def run(name, *arguments):
-        given = ["train_sb3.py", tmp_path / f"{name}.yml", "--out", tmp_path / "a", *arguments]
-        monkeypatch.setattr("sys.argv", [*map(str, given)])
-        train_sb3.main()
+        call(train_sb3, tmp_path / f"{name}.yml", "--out", tmp_path / "a", *arguments)
 
     def refusal(*arguments):
         with pytest.raises(SystemExit):
@@ -167,9 +202,8 @@ def test_train_sb3_leaves_an_earlier_run_as_it_is_where_it_refuses_or_fails(
 
     score = {"success": 0.5, "return": 0.0, "motor_work": 0.0}
     monkeypatch.setattr(train_sb3, "score_of", lambda *_arguments, **_options: score)
-    for name, task in (("tiny", "Balance"), ("other", "SwingUp")):
-        config = {"algo": "ppo", f"npend/{task}-v1": TINY}
-        (tmp_path / f"{name}.yml").write_text(yaml.safe_dump(config))
+    write_config(tmp_path / "tiny.yml")
+    write_config(tmp_path / "other.yml", "npend/SwingUp-v1")
     assert "--resume needs the checkpoint" in refusal("tiny", "--resume")
     assert not (tmp_path / "a").exists()
     run("tiny")
@@ -177,6 +211,7 @@ def test_train_sb3_leaves_an_earlier_run_as_it_is_where_it_refuses_or_fails(
     before = [(tmp_path / "a" / name).read_bytes() for name in kept]
     assert "continue its run with --resume" in refusal("tiny")
     assert "other.yml differs from" in refusal("other", "--resume")
+    assert "needs the seed of the run, 0; got 1" in refusal("tiny", "--resume", "--seed", 1)
     score["success"] = 0.6
     monkeypatch.setattr(torch, "save", fails)
     with pytest.raises(OSError, match="the disk is full"):
@@ -187,23 +222,18 @@ def test_train_sb3_leaves_an_earlier_run_as_it_is_where_it_refuses_or_fails(
 @pytest.mark.parametrize(
     ("env_id", "mode"), [("evil:npend/Balance-v1", "balance"), ("npend/Balance-v1", "evil:Mode")]
 )
-def test_a_run_of_train_sb3_imports_what_its_file_names_only_when_trusted(env_id, mode, tmp_path):
-    pytest.importorskip("stable_baselines3")
-    yaml = pytest.importorskip("yaml")
-    from train_sb3 import load_run
-
-    def write(env_id, mode):
-        settings = TINY | {"env_kwargs": TINY["env_kwargs"] | {"mode": mode}}
-        (tmp_path / "config.yml").write_text(yaml.safe_dump({"algo": "ppo", env_id: settings}))
-
-    write(env_id, mode)
+def test_a_run_of_train_sb3_imports_what_its_file_names_only_when_trusted(
+    env_id, mode, train_sb3, tmp_path
+):
+    path = tmp_path / "config.yml"
+    write_config(path, env_id, env_kwargs=TINY["env_kwargs"] | {"mode": mode})
     with pytest.raises(ValueError, match=r"names 'evil:.*', which is imported only with --trust"):
-        load_run(tmp_path)
+        train_sb3.load_run(tmp_path)
     with pytest.raises((ImportError, ValueError), match="evil"):  # it tries to
-        load_run(tmp_path, trust=True)
-    write("npend_gym:npend/Balance-v1", "balance")
+        train_sb3.load_run(tmp_path, trust=True)
+    write_config(path, "npend_gym:npend/Balance-v1")
     with pytest.raises(FileNotFoundError, match=r"best\.pth"):  # it has come so far
-        load_run(tmp_path)
+        train_sb3.load_run(tmp_path)
 
 
 @pytest.mark.filterwarnings("ignore")  # those of torchrl itself
@@ -217,26 +247,53 @@ def test_a_run_of_train_sb3_imports_what_its_file_names_only_when_trusted(env_id
             "train_torchrl", "torchrl", ["swingup-1", "--steps", "0"], marks=pytest.mark.long
         ),
         ("learning", "stable_baselines3", ["--rounds", "0"]),
+        ("campaign", "psutil", ["--rounds", "0"]),
+        ("value_iteration", "torch", ["--updates", "0"]),
     ],
 )
 def test_scripts_refuse_no_steps_and_do_not_take_the_default(
-    script, library, arguments, tmp_path, monkeypatch, capsys
+    script, library, arguments, call, tmp_path, monkeypatch, capsys
 ):
-    pytest.importorskip(library)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", [f"{script}.py", *arguments])
     with pytest.raises(SystemExit):
-        importlib.import_module(script).main()
+        call(imported(script, library), *arguments)
     assert "must be at least 1" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
-def test_transitions_judges_a_policy_in_its_own_environment(tmp_path, monkeypatch, capsys):
-    import transitions
+@pytest.mark.parametrize(
+    ("script", "library", "arguments", "message"),
+    [
+        ("evaluate", "torch", ["--pretrained", "swingup-1", "--task", "calm-2"], "--task is for"),
+        ("evaluate", "torch", ["--run", "a", "--env-id", "b"], "--env-id is not for --run"),
+        ("transitions", "torch", ["2", "--policy", "a", "--plans", "b"], "not allowed with"),
+        ("side_by_side", "sb3_contrib", ["--budget", "0"], "--budget must be above 0"),
+        ("soak", "psutil", ["steps", "--steps", "4"], "steps needs at least 5, got 4"),
+        ("judge_engines", "scipy", ["--derivatives", "--engine", "heyoka", "--case", "long"],
+         "there are no derivatives of heyoka, long"),
+    ],
+)  # fmt: skip
+def test_scripts_refuse_options_that_would_do_nothing(
+    script, library, arguments, message, call, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        call(imported(script, library), *arguments)
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
-    def main(*arguments):
-        monkeypatch.setattr("sys.argv", ["transitions.py", *map(str, arguments)])
-        transitions.main()
+
+@pytest.mark.parametrize(
+    ("script", "arguments"),
+    [("evaluate", ["--pretrained", "swingup-1", "--video"]), ("value_iteration", ["--out"])],
+)
+def test_scripts_check_the_name_of_their_file_before_any_work(script, arguments, call, tmp_path):
+    with pytest.raises(ValueError, match="must be a file that ends in"):
+        call(imported(script, "torch"), *arguments, tmp_path / "a.txt")
+
+
+def test_transitions_judges_a_policy_in_its_own_environment(call, tmp_path, monkeypatch, capsys):
+    import transitions
 
     def rollout(_controller, envs, *_):
         judged.append(envs.unwrapped.config)
@@ -249,14 +306,14 @@ def test_transitions_judges_a_policy_in_its_own_environment(tmp_path, monkeypatc
     zeros = np.zeros((1, observed), np.float32)
     Policy(np.ones(observed, np.float32), [zeros], [np.zeros(1, np.float32)], env).save(path)
     monkeypatch.setattr(transitions, "rollout", rollout)
-    main(1, "--policy", path, "--csv", tmp_path / "new" / "table.csv")
+    call(transitions, 1, "--policy", path, "--csv", tmp_path / "new" / "table.csv")
     assert [config.chain.lengths.tolist() for config in judged] == [[0.5]] * 2
     assert (tmp_path / "new" / "table.csv").exists()
     for arguments, mode in ([2, "--policy", path], "transition"), (
         [1, "--pretrained", "swingup-1"], "swingup"
     ):  # fmt: skip
         with pytest.raises(SystemExit):
-            main(*arguments)
+            call(transitions, *arguments)
         assert f'got "{mode}" with n=1' in capsys.readouterr().err
     assert len(judged) == 2
 
@@ -265,33 +322,30 @@ def test_transitions_judges_a_policy_in_its_own_environment(tmp_path, monkeypatc
     ("env_id", "normalize"),
     [("Balance", True), ("Balance", "dict(norm_obs=False)"), ("Transition", True)],
 )
-def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_returns(env_id, normalize, tmp_path):
-    pytest.importorskip("stable_baselines3")
+def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_returns(
+    env_id, normalize, train_sb3, tmp_path
+):
     import torch
-    from train_sb3 import make_model, restore, state_of
 
     own = {"goal_env": True, "reward_type": "sparse"} if env_id == "Transition" else {}
-    settings = TINY | {"normalize": normalize, "env_kwargs": TINY["env_kwargs"] | own}
+    settings = {"normalize": normalize, "env_kwargs": TINY["env_kwargs"] | own}
     settings["policy"] = "MultiInputPolicy" if own else "MlpPolicy"
-    config = {"algo": "ppo", f"npend/{env_id}-v1": settings}
-    models = [make_model(config, seed) for seed in (0, 1)]
+    config = tiny_config(f"npend/{env_id}-v1", **settings)
+    models = [train_sb3.make_model(config, seed) for seed in (0, 1)]
     models[0].learn(32)
-    torch.save(state_of(models[0]), tmp_path / "last.pth")
-    restore(models[1], tmp_path / "last.pth")
-    states = [state_of(model) for model in models]
+    torch.save(train_sb3.state_of(models[0]), tmp_path / "last.pth")
+    train_sb3.restore(models[1], tmp_path / "last.pth")
+    states = [train_sb3.state_of(model) for model in models]
     assert repr(states[1]) == repr(states[0])
     assert states[0]["returns"]["count"] > 32
 
 
-def test_train_sb3_reads_settings_as_rl_zoo_writes_them():
-    pytest.importorskip("stable_baselines3")
-    from train_sb3 import make_model
-
-    settings = TINY | {
+def test_train_sb3_reads_settings_as_rl_zoo_writes_them(train_sb3):
+    settings = {
         "normalize": "{'norm_obs': True, 'norm_reward': False}", "clip_range": "lin_0.2",
         "policy_kwargs": "dict(ortho_init=False, net_arch=dict(pi=[8], vf=[16]))",
     }  # fmt: skip
-    model = make_model({"algo": "ppo", "npend/Balance-v1": settings}, seed=0)
+    model = train_sb3.make_model(tiny_config(**settings), seed=0)
     venv = model.get_vec_normalize_env()
     assert (venv.norm_obs, venv.norm_reward) == (True, False)
     assert model.policy_kwargs == {"ortho_init": False, "net_arch": {"pi": [8], "vf": [16]}}
@@ -299,58 +353,56 @@ def test_train_sb3_reads_settings_as_rl_zoo_writes_them():
     assert model.learning_rate == 3e-4  # the default
     settings["policy_kwargs"] = "dict(activation_fn=nn.ReLU)"
     with pytest.raises(ValueError, match=r"policy_kwargs must have numbers.*nn\.ReLU"):
-        make_model({"algo": "ppo", "npend/Balance-v1": settings}, seed=0)
+        train_sb3.make_model(tiny_config(**settings), seed=0)
+    with pytest.raises(ValueError, match="algo must be in"):
+        train_sb3.make_model(tiny_config() | {"algo": "nonsense"}, seed=0)
+    for wrong in (None, "a text", {"algo": "ppo"}, {"npend/Balance-v1": TINY},
+                  {"algo": "ppo", "npend/Balance-v1": {"policy": "MlpPolicy"}}):  # fmt: skip
+        with pytest.raises(ValueError, match=r"must have a line `algo`, and one section"):
+            train_sb3.make_model(wrong, seed=0)
 
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # those of torchrl itself
 @pytest.mark.parametrize("task", ["transition-1", "balance-1-cart"])
 def test_train_torchrl_takes_tasks_with_goals_and_with_a_cart(task):
-    pytest.importorskip("torchrl")
-    from train_torchrl import make_env, obs_scale, settings_of
-
-    settings = settings_of(task, num_envs=2)
-    observation = make_env(settings).reset()["observation"]
-    assert obs_scale(settings).shape == observation.shape[1:]
-    assert obs_scale(settings)[:3].tolist() == [1.0, 1.0, 5.0]
+    script = imported("train_torchrl", "torchrl")
+    settings = script.settings_of(task, num_envs=2)
+    observation = script.make_env(settings).reset()["observation"]
+    assert script.obs_scale(settings).shape == observation.shape[1:]
+    assert script.obs_scale(settings)[:3].tolist() == [1.0, 1.0, 5.0]
 
 
 CONFIGS = sorted(path.stem for path in (EXAMPLES / "configs").glob("*.yml"))
 
 
 @pytest.mark.parametrize("config", CONFIGS)
-def test_rl_zoo_trains_what_the_config_is_named_after(config):
+def test_rl_zoo_and_train_sb3_train_what_the_config_is_named_after(config, train_sb3):
     """Read the file as rl_zoo3.exp_manager does: by the id, `env_kwargs` within the section."""
-    yaml = pytest.importorskip("yaml")
-    sb3 = pytest.importorskip("stable_baselines3")
-    sb3_contrib = pytest.importorskip("sb3_contrib")
-    by_id = yaml.safe_load((EXAMPLES / "configs" / f"{config}.yml").read_text())
-    algo = by_id.pop("algo")  # in RL Zoo an argument of the command line
+    by_id = config_of(config)
+    if by_id["algo"] == "tqc":
+        pytest.importorskip("sb3_contrib")
+    model = train_sb3.make_model(config_of(config), seed=0)
+    assert isinstance(model, train_sb3.algorithm(by_id.pop("algo")))  # an argument in RL Zoo
     ((env_id, hyperparams),) = by_id.items()
     env = gym.spec(env_id).make(**hyperparams.pop("env_kwargs", {}))
     mode, n = config.split("-")[:2]
     assert (env.unwrapped.config.mode.name, env.unwrapped.config.n) == (mode, int(n))
     assert env.spec.max_episode_steps <= 500
     assert set(hyperparams.pop("normalize", {})) <= {"norm_obs", "norm_reward"}
-    assert hyperparams.pop("n_envs", 1) > 1
+    assert hyperparams.pop("n_envs", 1) == model.n_envs > 1
     assert int(hyperparams.pop("n_timesteps")) >= 10_000
     if isinstance(hyperparams["learning_rate"], str):
         kind, initial = hyperparams["learning_rate"].split("_")
         assert kind == "lin"
         assert float(initial) > 0.0
-    model_class = getattr(sb3, algo.upper(), None) or getattr(sb3_contrib, algo.upper())
-    assert set(hyperparams) < set(inspect.signature(model_class).parameters)
+    assert set(hyperparams) < set(inspect.signature(type(model)).parameters)
 
 
 @pytest.mark.parametrize("task", ["swingup-1-robust", "calm-2-robust"])
 def test_the_configs_of_robust_policies_draw_the_chains_of_the_task(task):
-    yaml = pytest.importorskip("yaml")
-    pytest.importorskip("torch")
-    from npend_gym.rl.training.tasks import env_of_task
-
-    by_id = yaml.safe_load((EXAMPLES / "configs" / f"{task}.yml").read_text())
     env = env_of_task(task)
-    shown = next(value for key, value in by_id.items() if key != "algo")["env_kwargs"]
+    shown = next(value for key, value in config_of(task).items() if key != "algo")["env_kwargs"]
     assert shown.pop("max_episode_steps") <= 400
     assert shown == {name: env[name] for name in ("n", "randomize")}
 
@@ -358,7 +410,6 @@ def test_the_configs_of_robust_policies_draw_the_chains_of_the_task(task):
 def test_the_records_of_robust_policies_say_which_chains_they_were_shown():
     pytest.importorskip("torch")
     from npend_gym.rl.training.imitation_settings import ERRORS
-    from npend_gym.rl.training.tasks import env_of_task
 
     trained = Policy.pretrained("swingup-1-robust")
     assert trained.env["randomize"] == trained.provenance["arguments"]["env"]["randomize"]
@@ -367,40 +418,15 @@ def test_the_records_of_robust_policies_say_which_chains_they_were_shown():
     assert imitates["errors"] == ERRORS
 
 
-@pytest.mark.parametrize("config", CONFIGS)
-def test_every_config_makes_a_model(config):
-    pytest.importorskip("stable_baselines3")
-    yaml = pytest.importorskip("yaml")
-    from train_sb3 import algorithm, make_model, section
-
-    settings = yaml.safe_load((EXAMPLES / "configs" / f"{config}.yml").read_text())
-    if settings["algo"] == "tqc":
-        pytest.importorskip("sb3_contrib")
-    model = make_model(settings, seed=0)
-    assert isinstance(model, algorithm(settings["algo"]))
-    assert model.n_envs == section(settings)[1]["n_envs"]
-    with pytest.raises(ValueError, match="algo must be in"):
-        algorithm("nonsense")
-
-
 @pytest.mark.long
-def test_evaluate_runs_as_a_script_with_a_controller(tmp_path):
-    arguments = ["--controller", "LQR", "--task", "balance-2", "--episodes", 10, "--steps", 900]
-    printed = run_python(EXAMPLES / "evaluate.py", *arguments, cwd=tmp_path)
-    assert successes_in(printed) == ("10", "10")
-
-
-@pytest.mark.long
-def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, monkeypatch):
-    pytest.importorskip("torch")
-    import algorithms
-
+def test_results_trains_what_is_missing_and_writes_tables_and_curves(
+    algorithms, call, tmp_path, monkeypatch
+):
     monkeypatch.setitem(algorithms.shac.TASKS, "balance-1", {"total_timesteps": 960})
-    arguments = ["--out", str(tmp_path), "--tasks", "balance-1", "--seeds", "0", "1"]
-    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
-    algorithms.main()
+    arguments = ["--out", tmp_path, "--tasks", "balance-1", "--seeds", 0, 1]
+    call(algorithms, *arguments)
     trained = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.safetensors")}
-    algorithms.main()
+    call(algorithms, *arguments)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.safetensors")} == trained
     assert len(trained) == 2
     with (tmp_path / "results.csv").open() as file:
@@ -413,40 +439,31 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
-def test_results_without_a_trained_policy_have_a_table_and_no_curves(tmp_path, monkeypatch):
-    pytest.importorskip("torch")
-    import algorithms
-
+def test_results_without_a_trained_policy_have_a_table_and_no_curves(
+    algorithms, call, tmp_path, monkeypatch
+):
     row = {"task": "balance-1-cart", "agent": "LQR", "success": 1.0}
     monkeypatch.setattr(algorithms, "references", lambda _task: {"LQR": None})
     monkeypatch.setattr(algorithms, "evaluated", lambda *_: row)
-    arguments = ["--tasks", "balance-1-cart", "--agents", "ES", "--out", str(tmp_path)]
-    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
-    algorithms.main()
+    call(algorithms, "--tasks", "balance-1-cart", "--agents", "ES", "--out", tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"results.csv", "results.md"}
 
 
-def test_results_of_an_unknown_task_are_refused_before_any_training(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("torch")
-    import algorithms
-
+def test_results_of_an_unknown_task_are_refused_before_any_training(
+    algorithms, call, tmp_path, monkeypatch, capsys
+):
     known = {task for trainer in algorithms.TRAINERS.values() for task in trainer.TASKS}
     for task in known | {*algorithms.tasks(), "balance-9"}:
         assert algorithms.task_name(task) == task
     trained = []
     monkeypatch.setattr(algorithms, "train_and_keep", lambda *run: trained.append(run))
-    arguments = ["--tasks", "balance-1", "foo", "--out", str(tmp_path)]
-    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
     with pytest.raises(SystemExit):
-        algorithms.main()
+        call(algorithms, "--tasks", "balance-1", "foo", "--out", tmp_path)
     assert "'foo'" in capsys.readouterr().err
     assert not trained
 
 
-def test_new_results_join_those_of_other_seeds_and_replace_their_own(monkeypatch):
-    pytest.importorskip("torch")
-    import algorithms
-
+def test_new_results_join_those_of_other_seeds_and_replace_their_own(algorithms, monkeypatch):
     def row(agent, seed, success):
         return {"task": "calm-2", "agent": agent, "seed": seed, "success": success}
 
@@ -457,14 +474,34 @@ def test_new_results_join_those_of_other_seeds_and_replace_their_own(monkeypatch
     assert found == [("random", 0.01), ("SHAC", 0.1), ("SHAC", 0.9), ("SHAC", 0.8)]
 
 
+def test_the_policy_that_is_shipped_is_chosen_by_validation_episodes(
+    algorithms, tmp_path, monkeypatch
+):
+    class Trained:
+        def __init__(self, path):
+            self.seed = int(path.stem[-1])
+            self.provenance = {"evaluation": {"success": 1.0 - 0.5 * self.seed}}  # held out
+
+        def save(self, path):
+            path.write_text(str(self.seed))
+
+    for name in ("publish_rows", "merged", "write_csv", "draw"):
+        monkeypatch.setattr(algorithms, name, lambda *_: [])
+    monkeypatch.setattr(algorithms, "pretrained_names", list)
+    monkeypatch.setattr(algorithms, "PRETRAINED", tmp_path)
+    monkeypatch.setattr(algorithms.Policy, "load", Trained)
+    rows = [{"task": "calm-2", "agent": "SHAC", "seed": seed} for seed in (0, 1)]
+    monkeypatch.setattr(algorithms, "score", lambda _, policy: (scores[policy.seed], 0.0, 0))
+    for success in (0.9, 0.95):
+        scores = [0.5, success]
+        algorithms.publish(rows, [], tmp_path)
+        assert [path.read_text() for path in tmp_path.iterdir()] == ["1"] * (success > 0.9)
+
+
 @pytest.mark.long
 def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
-    tmp_path, monkeypatch, capsys
+    side_by_side, call, tmp_path, monkeypatch, capsys
 ):
-    pytest.importorskip("sb3_contrib")
-    pytest.importorskip("yaml")
-    import side_by_side
-
     monkeypatch.setitem(side_by_side.shac.TASKS, "balance-1", {"total_timesteps": 960})
     monkeypatch.setattr(side_by_side, "CSV", tmp_path / "rows.csv")
     monkeypatch.setattr(side_by_side, "FIGURE", tmp_path / "rows.png")
@@ -472,12 +509,11 @@ def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
     monkeypatch.setattr(side_by_side, "BUDGET", 1.0)
     (tmp_path / "page.md").write_text("before\n\n| algorithm | old |\n\nafter\n")
     agents = ["SHAC", "PPO tuned", "SAC default"]
-    arguments = ["--tasks", "balance-1", "--seeds", "0", "--publish"]
-    arguments += ["--out", str(tmp_path / "runs"), "--agents", *agents]
-    monkeypatch.setattr("sys.argv", ["side_by_side.py", *arguments])
-    side_by_side.main()
+    arguments = ["--tasks", "balance-1", "--seeds", 0, "--publish"]
+    arguments += ["--out", tmp_path / "runs", "--agents", *agents]
+    call(side_by_side, *arguments)
     first, written = capsys.readouterr().out, (tmp_path / "rows.csv").read_text()
-    side_by_side.main()  # all is there: it trains nothing
+    call(side_by_side, *arguments)  # all is there: it trains nothing
     assert first.endswith(capsys.readouterr().out)
     assert (tmp_path / "rows.csv").read_text() == written
     rows = list(csv.DictReader(written.splitlines()))
@@ -493,20 +529,15 @@ def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
 
 @pytest.mark.long
 def test_runs_side_by_side_in_a_folder_have_one_budget_and_the_default_is_published(
-    tmp_path, monkeypatch, capsys
+    side_by_side, call, tmp_path, monkeypatch, capsys
 ):
-    pytest.importorskip("sb3_contrib")
-    pytest.importorskip("yaml")
-    import side_by_side
-
     def run(*arguments):
         row = dict(zip((*side_by_side.KEY, "budget"), arguments, strict=True))
         return row | {"success": 1.0, "seconds": 2.0}
 
     def main(*arguments):
-        chosen = ["--tasks", "balance-1", "--seeds", "0", "--agents", "SHAC", *arguments]
-        monkeypatch.setattr("sys.argv", ["side_by_side.py", "--out", str(tmp_path), *chosen])
-        side_by_side.main()
+        chosen = ["--tasks", "balance-1", "--seeds", 0, "--agents", "SHAC", *arguments]
+        call(side_by_side, "--out", tmp_path, *chosen)
 
     monkeypatch.setattr(side_by_side, "run", run)
     main("--budget", "5")
@@ -519,11 +550,7 @@ def test_runs_side_by_side_in_a_folder_have_one_budget_and_the_default_is_publis
 
 
 @pytest.mark.long
-def test_runs_side_by_side_have_any_seed(tmp_path, monkeypatch):
-    pytest.importorskip("sb3_contrib")
-    pytest.importorskip("yaml")
-    import side_by_side
-
+def test_runs_side_by_side_have_any_seed(side_by_side, tmp_path, monkeypatch):
     monkeypatch.setattr(side_by_side, "CSV", tmp_path / "rows.csv")
     for seed in (1000, 2):
         row = dict(zip((*side_by_side.KEY, "budget"), ("balance-1", "SHAC", seed, 5), strict=True))
@@ -532,19 +559,16 @@ def test_runs_side_by_side_have_any_seed(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_a_run_side_by_side_whose_file_cannot_be_whole_leaves_none(tmp_path, monkeypatch):
-    pytest.importorskip("sb3_contrib")
-    pytest.importorskip("yaml")
-    import side_by_side
-
+def test_a_run_side_by_side_whose_file_cannot_be_whole_leaves_none(
+    side_by_side, call, tmp_path, monkeypatch
+):
     def replace(*_paths):
         raise OSError(errno.ENOSPC, "the disk is full")
 
     monkeypatch.setattr(side_by_side, "run", lambda *_: {"success": 1.0, "seconds": 2.0})
     monkeypatch.setattr(_files.disk, "replace", replace)
-    monkeypatch.setattr("sys.argv", ["side_by_side.py", "--out", str(tmp_path)])
     with pytest.raises(OSError, match="the disk is full"):
-        side_by_side.main()
+        call(side_by_side, "--out", tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -568,21 +592,16 @@ def test_train_rllib_runs_one_iteration(tmp_path):
 
 
 @pytest.mark.long
-def test_results_renews_the_rows_that_need_no_training(tmp_path, monkeypatch):
-    pytest.importorskip("torch")
-    import algorithms
-
+def test_results_renews_the_rows_that_need_no_training(algorithms, call, tmp_path, monkeypatch):
     for name in ("results.md", "results/learning.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / "docs" / name, tmp_path / name)
     before = algorithms.recorded()
     monkeypatch.setattr(algorithms, "DOCS", tmp_path)
-    arguments = ["--again", "--out", str(tmp_path), "--tasks", "balance-1"]
-    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
     for row in before:
         row["return"] = row["success"] = 0.5
     algorithms.write_csv(tmp_path / "results" / "learning.csv", before)
-    algorithms.main()
+    call(algorithms, "--again", "--out", tmp_path, "--tasks", "balance-1")
     renewed = [row for row in algorithms.recorded() if row["return"] != 0.5]
     assert [(row["agent"], row["success"]) for row in renewed] == [
         ("random", 0.0), ("LQR", 1.0), ("SHAC", 1.0),
@@ -592,18 +611,17 @@ def test_results_renews_the_rows_that_need_no_training(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_the_table_in_the_docs_is_that_of_the_recorded_results():
-    pytest.importorskip("torch")
-    from algorithms import recorded, table
-
-    assert table(recorded()) in (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+def test_the_table_in_the_docs_is_that_of_the_recorded_results(algorithms):
+    table = algorithms.table(algorithms.recorded())
+    assert table in (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
 
 
 def test_the_table_of_robustness_in_the_docs_is_that_of_the_recorded_results():
     pytest.importorskip("torch")
-    from robustness import PAGE, TASKS, cases, recorded, success_of, table
+    from algorithms import recorded
+    from robustness import PAGE, TASKS, cases, success_of, table
 
-    rows = recorded()
+    rows = recorded("robustness")
     assert table(rows) in PAGE.read_text(encoding="utf-8")
     success = success_of(rows)
     assert len(success) == 2 * sum(len(cases(int(task[-1]))) for task in TASKS)

@@ -52,7 +52,7 @@ def by_jax(name: str, case: Case, dt: float) -> Array:
     force, steps = forces_on(case, case.intervals[0][2]), count_of(1.0, dt)
 
     def end(joints: Any) -> Any:
-        return jax.lax.fori_loop(0, steps, lambda _, now: advance(now, force, dt), joints)
+        return jax.lax.fori_loop(0, steps, lambda _, now: advance(now, force), joints)
 
     joints = np.array([to_joints(case, values) for values in case.start])
     size = 2 * case.mechanism.size

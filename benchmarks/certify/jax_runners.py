@@ -22,8 +22,7 @@ from certify.runners import (
     to_joints,
 )
 
-# joints (2, m) after a step of dt, or after a number of steps, from joints and forces
-Advance = Callable[[Any, Any, Any], Any]
+Advance = Callable[[Any, Any], Any]  # joints (2, m) after a step, from joints and forces
 
 
 def jax_module() -> Any:
@@ -39,12 +38,12 @@ def _repeated(case: Case, dt: float, advance: Advance) -> Player:
     loop = jax_module().lax.fori_loop
 
     def many(joints: Any, force: Any, steps: Any) -> Any:
-        return loop(0, steps, lambda _, now: advance(now, force, dt), joints)
+        return loop(0, steps, lambda _, now: advance(now, force), joints)
 
     return _player(case, dt, many)
 
 
-def _player(case: Case, dt: float, steps_of: Advance) -> Player:
+def _player(case: Case, dt: float, steps_of: Callable[[Any, Any, Any], Any]) -> Player:
     """Return the player of joints after a number of steps, from joints and forces, compiled."""
     many = jax_module().jit(steps_of)
 
@@ -66,8 +65,7 @@ def mjx_step(case: Case, dt: float) -> Advance:
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     on_device, start = mjx.put_model(model), mjx.make_data(model)
 
-    def advance(joints: Any, force: Any, dt: float) -> Any:
-        del dt
+    def advance(joints: Any, force: Any) -> Any:
         now = start.replace(qpos=joints[0], qvel=joints[1], qfrc_applied=force)
         after = mjx.step(on_device, now)
         return jax.numpy.stack([after.qpos, after.qvel])
@@ -87,8 +85,7 @@ def brax_step(case: Case, dt: float) -> Advance:
     system = import_module("brax.io.mjcf").loads(_for_brax(case, dt))
     motors = np.flatnonzero(forces_on(case, np.ones(case.n)))
 
-    def advance(joints: Any, force: Any, dt: float) -> Any:
-        del dt
+    def advance(joints: Any, force: Any) -> Any:
         state = pipeline.init(system, joints[0], joints[1])
         after = pipeline.step(system, state, force[motors])
         return jax.numpy.stack([after.q, after.qd])
@@ -134,8 +131,7 @@ def jaxsim_step(case: Case, dt: float) -> Advance:
         gravity=case.mechanism.gravity, integrator=js.model.IntegratorType.RungeKutta4,
     )  # fmt: skip
 
-    def advance(joints: Any, force: Any, dt: float) -> Any:
-        del dt
+    def advance(joints: Any, force: Any) -> Any:
         data = js.data.JaxSimModelData.build(
             model, joint_positions=joints[0], joint_velocities=joints[1]
         )

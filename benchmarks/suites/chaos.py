@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.integrate import simpson
@@ -21,7 +21,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.chaos import largest_lyapunov, lyapunov_spectrum, periodic_orbits, tangents
 from npend_gym.physics import mass_matrix, simulate
-from suites.timing import Peers, Row
+from suites.timing import Peers, Row, timed
 
 ANGLE = 2.0  # rad, of both rods at the start
 DURATION = 20_000.0  # s: the exponent is known to half a percent
@@ -29,14 +29,13 @@ TOGETHER = 10.0  # s, within which two integrators agree on a chaotic motion
 RENORMALISED = 1.0  # s, after which the vectors of the peer are
 AMPLITUDES = (math.pi / 4, 2.0)  # rad, of the nonlinear normal modes
 
-_T = TypeVar("_T")
 Flow = Callable[[float, float], FloatArray]  # derivative of the state at the end by that before
 
 
 def rows(peers: Peers, duration: float = DURATION, rods: int = 5) -> Iterator[Row]:
     """Yield one comparison after another; rates are seconds of motion per second."""
     chain = Chain.uniform(2)
-    ours, took = _timed(partial(largest_lyapunov, chain, ANGLE, duration=duration))
+    ours, took = timed(partial(largest_lyapunov, chain, ANGLE, duration=duration))
     found = peers.get("heyoka", partial(_peer, chain, duration))
     note, rate = f"{ours.exponent:.4f} +- {ours.error:.4f} 1/s", math.nan
     if found is not None:
@@ -52,14 +51,14 @@ def rows(peers: Peers, duration: float = DURATION, rods: int = 5) -> Iterator[Ro
         yield _spectrum(Chain.uniform(n), 0.01 * duration, f"all exponents, N = {n}, 2 rad")
     yield _spectrum(Chain.uniform(2, damping=0.05), 0.001 * duration, "the same, N = 2, damped")
     for n in range(2, rods + 1):
-        orbits, took = _timed(partial(_orbits, n))
+        orbits, took = timed(partial(_orbits, n))
         note = f"pi/4 and 2 rad, closed to {max(orbit.closure for orbit in orbits):.0e}"
         yield Row(f"nonlinear normal modes, N = {n}", "", len(orbits) / took, math.nan, note)
 
 
 def _spectrum(chain: Chain, duration: float, job: str) -> Row:
     """Return the row of a spectrum, with how far it is from what the flow's divergence says."""
-    spectrum, took = _timed(partial(lyapunov_spectrum, chain, ANGLE, duration=duration))
+    spectrum, took = timed(partial(lyapunov_spectrum, chain, ANGLE, duration=duration))
     exponents, above = spectrum.exponents, chain.damping
     if np.any(above):
         below = np.append(above[1:], 0.0)
@@ -73,11 +72,6 @@ def _spectrum(chain: Chain, duration: float, job: str) -> Row:
         pairs = np.abs(exponents + exponents[::-1]).max()
         note = f"sum {abs(exponents.sum()):.0e} 1/s, pairs {pairs:.0e} 1/s"
     return Row(job, "", duration / took, math.nan, note)
-
-
-def _timed(run: Callable[[], _T]) -> tuple[_T, float]:
-    begin = time.process_time()
-    return run(), time.process_time() - begin
 
 
 def _orbits(n: int) -> list[Any]:

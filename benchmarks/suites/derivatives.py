@@ -15,8 +15,8 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.kernels.rk4_derivatives import adjoint_many, adjoint_rows
 from npend_gym.physics.memory import Memory
-from suites.dynamics import many_steps, mujoco_chain
-from suites.timing import Job, Peers, Row, rates
+from suites.dynamics import many_steps, mujoco_chain, row_of
+from suites.timing import Job, Peers, Row
 
 _H = 1e-6  # s; so short that the chains hardly move while they are timed
 _LANES = {2: 1024, 5: 1024, 20: 1024, 100: 256, 1000: 64}  # by N
@@ -32,21 +32,16 @@ def rows(peers: Peers) -> Iterator[Row]:
         step = many_steps(chain, lanes)
         for what, by_parameters in (("state, torque", False), ("state, torque, parameters", True)):
             name = f"RK4 step with its gradient by {what}, N = {n}, {lanes} lanes"
-            row = _row(name, gradients(chain, lanes, by_parameters), "the step", step)
+            row = row_of(name, gradients(chain, lanes, by_parameters), "the step", step)
             yield row._replace(note=f"{1.0 / row.ratio:.2f} times the time of the step")
     for n in (2, 3, 5, 10, 20):
         name = f"Jacobians of {_STATES} environment steps, N = {n}"
-        yield _row(name, jacobians(n), "central differences", differences(n))
+        yield row_of(name, jacobians(n), "central differences", differences(n))
     name = f"a step and its gradient, {_DOUBLE} double pendulums"
     for peer, make in {"MJX": mjx, "brax": brax}.items():
         theirs = peers.job(peer, make)
         if theirs is not None:
-            yield _row(name, double_pendulums(), f"{peer}, float32", theirs)
-
-
-def _row(name: str, ours: Job, peer: str, theirs: Job) -> Row:
-    best = rates({"": ours, peer: theirs})
-    return Row(name, peer, best[""], best[peer])
+            yield row_of(name, double_pendulums(), f"{peer}, float32", theirs)
 
 
 def gradients(chain: Chain, lanes: int, by_parameters: bool) -> Job:

@@ -28,15 +28,15 @@ def rows(peers: Peers) -> Iterator[Row]:
         ours = {"one evaluation": evaluations(bobs), "one RK4 step": steps(bobs)}
         for what, job in ours.items():
             theirs = peers.job("MuJoCo", lambda n=n, what=what: mujoco_jobs(n)[what])
-            yield _row(f"{what}, N = {n}", job, "MuJoCo", theirs)
+            yield row_of(f"{what}, N = {n}", job, "MuJoCo", theirs)
     for n in (2, 5, 20, 100):
         theirs = peers.job("Pinocchio", lambda n=n: pinocchio_job(n))
         if theirs is not None:
             job = evaluations(Chain.uniform(n))
-            yield _row(f"one evaluation, N = {n}", job, "Pinocchio ABA", theirs)
+            yield row_of(f"one evaluation, N = {n}", job, "Pinocchio ABA", theirs)
     theirs = peers.job("mujoco.rollout", lambda: mujoco_rollouts(10, 256))
     job = many_steps(Chain.uniform(10), 256)
-    yield _row("RK4 steps of 256 chains, N = 10", job, "mujoco.rollout", theirs)
+    yield row_of("RK4 steps of 256 chains, N = 10", job, "mujoco.rollout", theirs)
     yield growth()
     yield from link_rows(peers)
 
@@ -45,14 +45,14 @@ def link_rows(peers: Peers) -> Iterator[Row]:
     """Yield the comparisons of chains of uniform rods, which have inertia."""
     for n in (2, 5, 20, 100, 1000):
         theirs = peers.job("MuJoCo", lambda n=n: mujoco_jobs(n, rods=True)["one RK4 step"])
-        yield _row(f"one RK4 step of rods, N = {n}", steps(rods(n)), "MuJoCo", theirs)
+        yield row_of(f"one RK4 step of rods, N = {n}", steps(rods(n)), "MuJoCo", theirs)
     for n in (2, 5, 20, 100):
         bobs, joints = Chain.uniform(n), rods(n, friction=0.01)
-        yield _row(f"one RK4 step of rods, N = {n}", steps(rods(n)), "point masses", steps(bobs))
+        yield row_of(f"one RK4 step of rods, N = {n}", steps(rods(n)), "point masses", steps(bobs))
         many = many_steps(bobs, 256)
         for what, chain in (("rods", rods(n)), ("rods with dry friction", joints)):
             name = f"RK4 steps of 256 chains of {what}, N = {n}"
-            yield _row(name, many_steps(chain, 256), "point masses", many)
+            yield row_of(name, many_steps(chain, 256), "point masses", many)
 
 
 def rods(n: int, friction: float = 0.0) -> Chain:
@@ -60,7 +60,8 @@ def rods(n: int, friction: float = 0.0) -> Chain:
     return Chain.rods(np.ones(n), np.ones(n), friction=friction)
 
 
-def _row(name: str, ours: Job, peer: str, theirs: Job | None) -> Row:
+def row_of(name: str, ours: Job, peer: str, theirs: Job | None) -> Row:
+    """Return the row of a job beside that of a peer, if there is one, timed in turns."""
     best = rates({"": ours} if theirs is None else {"": ours, peer: theirs})
     return Row(name, peer if theirs else "", best[""], best.get(peer, math.nan))
 

@@ -23,7 +23,7 @@ from npend_gym.chaos import flip_times
 from npend_gym.physics import energy, simulate
 from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
 from suites.chaos import heyoka_equations
-from suites.timing import Peers, Row
+from suites.timing import Peers, Row, timed
 
 DURATION = 10.0  # s
 RTOL = 1e-9
@@ -38,9 +38,7 @@ def rows(peers: Peers, motions: int = 10_000, side: int = 1000) -> Iterator[Row]
     settings: dict[str, float] = {"rtol": RTOL, "atol": 0.01 * RTOL}
     ends = [0.0, DURATION]
     simulate(chain, starts[:32], 0.0, ends, **settings)  # compiles
-    begin = time.process_time()
-    ours = simulate(chain, starts, 0.0, ends, **settings)
-    took = time.process_time() - begin
+    ours, took = timed(lambda: simulate(chain, starts, 0.0, ends, **settings))
     error = _error(chain, starts, ours.theta[:, -1], ours.omega[:, -1])
     job = f"{motions} double pendulums, {DURATION:g} s"
     loop = _scipy_rate(chain, starts[:LOOP])
@@ -54,9 +52,7 @@ def rows(peers: Peers, motions: int = 10_000, side: int = 1000) -> Iterator[Row]
     angles = (np.arange(side) + 0.5) / side * 2.0 * np.pi - np.pi
     grid = np.stack(np.meshgrid(angles, angles), axis=-1)
     flip_times(chain, grid[:4, :4], duration=1.0)
-    begin = time.process_time()
-    times = flip_times(chain, grid, duration=DURATION)
-    took = time.process_time() - begin
+    times, took = timed(lambda: flip_times(chain, grid, duration=DURATION))
     note = f"{took:.0f} s of processor time; {np.isfinite(times).mean():.0%} turn over"
     yield Row(f"map of flips, {side} x {side}, {DURATION:g} s", "", side**2 / took, math.nan, note)
 

@@ -173,14 +173,8 @@ def along_n() -> Iterator[Row]:
     lanes = 1024
     for n in (2, 5, 20, 100):
         # small steps and torques, because a chain that has diverged is not stepped any more
-        options: dict[str, Any] = {
-            "n": n,
-            "mode": "calm",
-            "dt": 0.002,
-            "substeps": 1,
-            "max_torque": 1.0,
-        }
-        best = rates({"": ours(lanes, max_episode_steps=None, **options)})[""]
+        options: dict[str, Any] = {"n": n, "mode": "calm", "dt": 0.002, "substeps": 1}
+        best = rates({"": ours(lanes, max_episode_steps=None, max_torque=1.0, **options)})[""]
         note = f"{1e9 / (best * n):.1f} ns per rod"
         yield Row(f"gym.make_vec, {lanes} lanes, N = {n}, 1 substep", "", best, math.nan, note)
 

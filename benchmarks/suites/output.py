@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from npend_gym.report.outputs import write_csv, write_figure
-from suites.accuracy import DURATION, Measurement, N
+from suites.accuracy import DURATION, FRAMES, Measurement, N
 from suites.timing import Row, machine
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def work_precision(measured: Sequence[Measurement]) -> Figure:
         axes.set(
             xscale="log", yscale="log", xlabel="largest error of the energy, relative",
             ylabel="CPU time [s]",
-            title=f"{N} rods of 1 m released from 45°, {DURATION:g} s in 1000 frames",
+            title=f"{N} rods of 1 m released from 45°, {DURATION:g} s in {FRAMES} frames",
         )  # fmt: skip
         axes.invert_xaxis()  # better to the right
         axes.legend()
