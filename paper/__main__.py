@@ -8,8 +8,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from npend_gym import IntegrationError
 from npend_gym._threads import check_threads
 from npend_gym.cli.common import (
@@ -35,6 +33,8 @@ from paper.findings import KANE_N, Finding, audit, groups, selected
 PROGRAM = "python -m paper"
 _STOPPED = "interrupted: the results above are complete, the rest is missing"
 LAW = "com-law"  # the key of the law of the centre of mass
+# Options of what is computed, and its key
+OPTIONS = dict.fromkeys(("full", "n", "amplitudes", "threads"), LAW) | {"kane_n": "run-time"}
 ABOUT = """\
 Every equation, number and claim of the source paper, computed again and judged. All of it takes
 about four minutes, most single findings take seconds: `python -m paper --list` shows their keys.
@@ -102,15 +102,15 @@ def run(options: dict[str, Any]) -> int:
         return OK
     wanted: list[str] | None = options.get("only")
     only = wanted and [key for key in wanted if key != LAW]
-    of_law = [name for name in ("full", "n", "amplitudes", "threads") if name in options]
-    if of_law and wanted is not None and LAW not in wanted:
-        raise ValueError(f"--{of_law[0]} is an option of {LAW}, which --only leaves out")
-    grid = LawGrid.full() if options.get("full") else LawGrid()
-    grid = LawGrid(
-        options.get("n", grid.n_values), np.ravel(options.get("amplitudes", grid.amplitudes))
-    )
-    threads, kane_n = check_threads(options.get("threads", 1)), options.get("kane_n", KANE_N)
     keys = selected(only) if only != [] else []
+    computed = {*keys} if wanted is not None and LAW not in wanted else {*keys, LAW}
+    for name, key in OPTIONS.items():
+        if name in options and key not in computed:
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} is an option of {key}, which --only leaves out")
+    grid = LawGrid.full() if options.get("full") else LawGrid()
+    grid = LawGrid(options.get("n", grid.n_values), options.get("amplitudes", grid.amplitudes))
+    threads, kane_n = check_threads(options.get("threads", 1)), options.get("kane_n", KANE_N)
     pending = audit(keys, kane_n=kane_n)
     out: Path | None = options.get("out")
     if out is not None:
@@ -121,7 +121,7 @@ def run(options: dict[str, Any]) -> int:
     code, trouble = OK, ""
     try:
         findings.extend(progress("finding", len(keys))(pending))
-        if wanted is None or LAW in wanted:
+        if LAW in computed:
             for n in progress("chain")(list(dict.fromkeys(grid.n_values))):
                 measured, small = grid.measure(n, threads), limit_rows([n])
                 cells, limits = cells + measured, limits + small
@@ -141,11 +141,12 @@ def run(options: dict[str, Any]) -> int:
         written += law_tables.write_law(grid, cells, limits, out / LAW, complete=code == OK)
     if findings and out is not None:
         try:
-            report.write(findings, out, written, only=only, kane_n=kane_n, figures=can_draw())
+            report.write(findings, out, written, only=only, kane_n=kane_n, figures=can_draw(),
+                         interrupted=code == INTERRUPTED)  # fmt: skip
         except KeyboardInterrupt:
             code, trouble = INTERRUPTED, _STOPPED
     if written and "json" not in options:
-        show_written(written, figures=bool(findings))
+        show_written(written, figures=bool(findings) and code != INTERRUPTED)
     if trouble:
         warn(trouble)
     return code

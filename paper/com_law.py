@@ -18,17 +18,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import Chain, _checks, pseudo_periods, theory
-from paper.arrays import FloatArray
-from paper.hesitation import heights
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
+from paper.hesitation import EARLY, heights
 from paper.third_order import MAX_THIRD_ORDER, AmplitudeGrowth, amplitude_growth
 
 TEST_N = (1, 2, 3, 5, 10, 20)
 FULL_N = (*TEST_N, 50, 100, 200, 400, 800, 1600)
-TEST_AMPLITUDES = (0.01, 0.25, 0.5, math.pi / 4, 1.0, 1.2)  # rad
+TEST_AMPLITUDES = (0.01, 0.25, 0.5, PAPER_AMPLITUDE, 1.0, 1.2)  # rad
 FULL_AMPLITUDES = (
-    0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, math.pi / 4, 0.85, 0.9, 0.95, 1.0, 1.1, 1.2,
+    0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, PAPER_AMPLITUDE, 0.85, 0.9, 0.95, 1.0, 1.1, 1.2,
 )  # fmt: skip
-_EARLY = 0.75  # of T1: bobs near the pivot that reverse twice before this are early
 _RTOL = 1e-9
 
 
@@ -47,7 +47,7 @@ class LawCell:
         Pseudo-period of the centre of mass: measured; `theory.large_n_com_period`; and
         `theory.com_period`, whose limit of small angles is exact [s].
     early : float
-        Fraction of the bobs that complete before 0.75 T1.
+        Fraction of the bobs that complete before 0.8 T1, `hesitation.EARLY`.
     mean, median : float
         Of the bobs' pseudo-periods, over T1.
     profile_rms, profile_worst : float
@@ -100,16 +100,17 @@ class LawGrid:
     amplitudes: ArrayLike = TEST_AMPLITUDES
 
     def __post_init__(self) -> None:
-        if len(self.n_values) == 0:
-            raise ValueError("n_values must name at least one number of pendulums, got none")
-        for n in self.n_values:
-            Chain.uniform(n)
-        angles = _checks.positive(
-            "amplitudes", np.atleast_1d(_checks.array("amplitudes", self.amplitudes))
+        counts = [Chain.uniform(n).n for n in _checks.listed("n_values", self.n_values, "[2, 5]")]
+        angles = np.ravel(
+            _checks.positive("amplitudes", _checks.array("amplitudes", self.amplitudes))
         )
-        largest = float(angles.max(initial=0.0))
+        for name, values in (("n_values", counts), ("amplitudes", angles)):
+            if len(values) == 0:
+                raise ValueError(f"{name} must hold at least one number, got none")
+        largest = float(angles.max())
         if largest > np.pi / 2:
             raise ValueError(f"amplitudes must lie {_checks.in_radians('pi/2', largest)}")
+        vars(self).update(n_values=tuple(counts), amplitudes=angles)
 
     @classmethod
     def full(cls) -> LawGrid:
@@ -118,7 +119,7 @@ class LawGrid:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as plain numbers and lists, for a manifest."""
-        return {"n_values": list(self.n_values), "amplitudes": np.ravel(self.amplitudes).tolist()}
+        return {"n_values": list(self.n_values), "amplitudes": np.asarray(self.amplitudes).tolist()}
 
     def measure(self, n: int, threads: int = 1) -> list[LawCell]:
         """Release `n` rods from every amplitude; `threads` share the releases."""
@@ -139,7 +140,7 @@ class LawGrid:
 
 def _of_bobs(ratio: FloatArray) -> tuple[float, float, float, float, float]:
     """Return the last five fields of a cell, from the bobs' pseudo-periods over T1."""
-    late = ~(ratio < _EARLY)
+    late = ~(ratio < EARLY)
     profile = theory.release_profile(heights(ratio.size))
     off = np.abs(ratio - profile)[late] if late.any() else np.array([math.nan])
     rms, worst = float(np.sqrt(np.mean(off**2))), float(off.max())

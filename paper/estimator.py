@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from npend_gym import Chain, simulate
-from paper.arrays import FloatArray
+from npend_gym._checks import FloatArray
 
 LISTING_DURATION = 10.0  # s
 LISTING_FRAMES_PER_SECOND = 100
@@ -36,8 +36,8 @@ def listing_estimate(height: FloatArray) -> float:
 
     The listing counts frames as 1/100 s each though they are 10/999 s apart, compares the first
     frame with the last, and averages two unlike things: one term for the mean gap between frames
-    of like height, and a term for every pair of turning points two apart. NaN where there is
-    neither.
+    of like height, and a term for every pair of turning points two apart. NaN where no two frames
+    are of like height, whatever the turning points.
     """
     sign = np.sign(np.gradient(height))
     times: list[float] = []

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym._checks import FloatArray
 from npend_gym.physics import tensions
-from paper.arrays import FloatArray
 
 EARLY = 0.8  # T1: a bob that completes before this has not swung to and fro
 _RTOL = 1e-8
@@ -44,9 +44,9 @@ def hesitation_rows(n_values: Sequence[int], amplitudes: Sequence[float]) -> lis
     Returns
     -------
     list of dict
-        Share of the bobs that complete before 0.8 T1, lowest and highest of them, and mean, median
-        and earliest pseudo-period, reading "bob", over T1. "lowest" is the height over the free end
-        down to which the bobs are early without a gap, NaN where there are none.
+        Share of the bobs that complete before 0.8 T1, and earliest, mean and median pseudo-period,
+        reading "bob", over T1. "lowest" is the height over the free end of the lowest bob in the
+        longest group of neighbours that are early, NaN where none is.
     """
     rows: list[dict[str, Any]] = []
     for n in n_values:
@@ -134,7 +134,8 @@ def velocities(n: int, amplitude: float, at: ArrayLike, frames: int = 1200) -> V
     motion = simulate(chain, amplitude, 0.0, times * t1, rtol=_RTOL, atol=1e-2 * _RTOL)
     bobs = np.abs(heights(n)[:, None] - np.asarray(at)).argmin(axis=0)
     speeds = motion.velocities()[:, bobs, 0].T
-    speeds = speeds / np.abs(speeds[:, times < 0.5]).max(axis=1, keepdims=True)
+    greatest = np.maximum.accumulate(np.abs(speeds), axis=1)
+    speeds /= np.where(greatest > 0.0, greatest, 1.0)  # all are at rest at first
     passes = front_passes(n, amplitude, np.append(heights(n)[bobs], 1.0))
     return Velocities(times, heights(n)[bobs], speeds, passes[:-1], float(passes[-1]))
 
@@ -143,9 +144,13 @@ def onset(n: int, height: float = 0.9, low: float = 0.5, high: float = 0.75) -> 
     """Return the least amplitude [rad] from which the bob at `height` completes early.
 
     The bob's velocity after its first reversal has a minimum when the front returns; it is zero
-    there at the amplitude that is returned.
+    there at the amplitude that is returned. ValueError is raised if it is not between the two.
     """
-    return float(brentq(lambda a: _dip(n, a, height), low, high, xtol=1e-4))
+    try:
+        return float(brentq(lambda a: _dip(n, a, height), low, high, xtol=1e-4))
+    except (IndexError, ValueError) as error:  # no bob so high; the same sign at both angles
+        rule = f"whose bob at {height:g} is early from an angle of {low:g} to {high:g} rad on"
+        raise ValueError(f"n must be a number of rods {rule}, got {n}") from error
 
 
 def _dip(n: int, amplitude: float, height: float) -> float:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym._extras import require
-from paper.arrays import FloatArray
 
 MAX_N = 100  # takes a day; the time grows as the cube of n
 

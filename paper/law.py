@@ -12,7 +12,6 @@ a bob near the pivot gains or loses a reversal.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -22,14 +21,15 @@ from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
 from npend_gym import Chain, pseudo_periods, theory
+from npend_gym._checks import FloatArray
 from npend_gym.experiments import Estimate, power_law
 from npend_gym.experiments.fits import LAW_FROM, LAW_UP_TO, amplitude_factor, estimates
-from paper.arrays import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 
 N_VALUES = (1, 2, 3, 5, 10, 20, 50, 100, 200)
 AMPLITUDES = (
-    0.01, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, math.pi / 4, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6, 1.8,
-    2.0,
+    0.01, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, PAPER_AMPLITUDE, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6,
+    1.8, 2.0,
 )  # rad  # fmt: skip
 STATISTICS = ("mean", "median", "tip")
 _RTOL = 1e-8

@@ -8,6 +8,7 @@ import numpy as np
 
 from npend_gym import theory
 from npend_gym._palette import BLACK, FAINT, GREEN, ORANGE, PINK
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from paper.law import Law, Scan
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def law_against_n(figure: Figure, data: tuple[Scan, Law]) -> None:
     counts = np.unique(np.geomspace(1, int(scan.n_values[-1]), 60).astype(np.int64))
     ideal = theory.single_period() * np.sqrt(counts)
     top.plot(counts, ideal, color=ORANGE, label=r"the paper's $2\pi\sqrt{Nl/g}$, any angle")
-    shown = [int(np.argmin(np.abs(scan.amplitudes - a))) for a in (0.01, np.pi / 4, 1.2)]
+    shown = [int(np.argmin(np.abs(scan.amplitudes - a))) for a in (0.01, PAPER_AMPLITUDE, 1.2)]
     for row, (marker, color) in zip(shown, TRIALS, strict=True):
         angle = scan.amplitudes[row]
         label = f"measured, median over the bobs, {angle:.3g} rad"
@@ -63,7 +64,7 @@ def law_against_angle(figure: Figure, data: tuple[Scan, Law]) -> None:
     scan, law = data
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.4, 1.0))
     angle = np.linspace(0.0, float(scan.amplitudes[-1]), 300)
-    pendulum = 1.0 + theory.amplitude_correction(angle)
+    pendulum = theory.pendulum_factor(angle)
     n = scan.n_values[-1]
     high = theory.single_period() * np.sqrt(n) / scan.fundamental[-1]
     top.plot(angle, high * pendulum, color=ORANGE, label=f"the paper's $T(N,a)$, N = {n}")
@@ -81,8 +82,8 @@ def law_against_angle(figure: Figure, data: tuple[Scan, Law]) -> None:
                     markersize=4.5)  # fmt: skip
     mean = scan.mean[:, large[-1]]
     top.plot(scan.amplitudes, mean, "+", color=PINK, label=f"measured, mean, N = {n}")
-    top.axvline(np.pi / 4, color=FAINT, linewidth=0.9, zorder=0)
-    top.annotate(r"$\pi/4$", (np.pi / 4, 0.66), xytext=(3, 0), textcoords="offset points")
+    top.axvline(PAPER_AMPLITUDE, color=FAINT, linewidth=0.9, zorder=0)
+    top.annotate(r"$\pi/4$", (PAPER_AMPLITUDE, 0.66), xytext=(3, 0), textcoords="offset points")
     bottom.axhline(0.0, color=BLACK, linewidth=0.6)
     top.set(ylabel="pseudo-period / $T_1$", ylim=(0.64, 1.5))
     bottom.set(xlabel="starting angle a [rad]", ylabel="over the law, less 1")

@@ -9,6 +9,7 @@ from typing import Any
 
 from npend_gym.report.outputs import write_results
 from paper.com_law import LawCell, LawGrid, law_rows
+from paper.hesitation import EARLY
 
 _HOLDS_UP_TO = 1.0  # rad
 
@@ -22,7 +23,7 @@ def law_text(cells: Sequence[LawCell], limits: Sequence[Mapping[str, Any]]) -> s
     parts = [
         "error of the law T(N, a), % of the measured pseudo-period of the centre of mass", head,
         *(_line(a, [100.0 * at[n, a].law_error for n in n_values], "+10.3f") for a in angles),
-        "", "fraction of the bobs that are early (before 0.75 T1)", head,
+        "", f"fraction of the bobs that are early (before {EARLY} T1)", head,
         *(_line(a, [at[n, a].early for n in n_values], "10.3f") for a in angles),
         "", "root mean square over the others of T_i/T1 minus the profile of small angles", head,
         *(_line(a, [at[n, a].profile_rms for n in n_values], "10.1e") for a in angles),
@@ -55,7 +56,7 @@ def _limits(rows: Sequence[Mapping[str, Any]]) -> str:
 def _summary(cells: Sequence[LawCell]) -> list[str]:
     """Return what the law's largest error is up to 1 rad, of short chains and of others."""
     lines: list[str] = []
-    for low, high in ((2, 3), (5, math.inf)):
+    for low, high in ((1, 4), (5, math.inf)):
         chosen = [c for c in cells if low <= c.n <= high and c.amplitude <= _HOLDS_UP_TO]
         if chosen:
             few = ", ".join(map(str, sorted({c.n for c in chosen})))

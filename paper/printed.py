@@ -147,12 +147,3 @@ def simulated_counts() -> range:
             exec(compile(ast.Module([node], []), "listing 3", "exec"), space)  # noqa: S102
     (loop,) = (node for node in body if isinstance(node, ast.For))
     return eval(compile(ast.Expression(loop.iter), "listing 3", "eval"), space)  # noqa: S307
-
-
-def error_bar(x: float) -> float:
-    """Return the error bar that listing 4 draws at `x` pendulums, its yerr_val [s]."""
-    for node in listings()[3].tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "yerr_val":
-            code = compile(ast.Expression(node.value), "listing 4", "eval")
-            return float(eval(code, {"np": np, "math": math, "x": x}))  # noqa: S307
-    raise LookupError("listing 4 has no yerr_val")

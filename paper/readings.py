@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import theory
+from npend_gym._checks import FloatArray
 from npend_gym.experiments.release import PAPER_N
-from paper.arrays import FloatArray
 from paper.claims import printed
 from paper.estimator import LISTING_DURATION
 from paper.measured import RODS, bob_periods, fundamental_periods, ideal_periods

@@ -152,16 +152,18 @@ def _escaped(text: str) -> str:
 def write(
     findings: Sequence[Finding], out: Path, written: list[Path], *,
     only: Sequence[str] | None = None, kane_n: int = KANE_N, figures: bool,
+    interrupted: bool = False,
 ) -> None:  # fmt: skip
     """Write findings, tables, manifest and (with `figures`) pictures into `out`.
 
-    Tables and figures are those that belong to the findings. Each file appears whole, by rename;
-    the manifest, with the digests of the others, comes last. An error or an interruption leaves
-    out the tables and figures that are missing. The paths are added to `written`, also then.
+    Tables and figures are those that belong to the findings; after an interruption none is
+    computed. Each file appears whole, by rename; the manifest, with the digests of the others,
+    comes last. An error or an interruption meanwhile leaves out the tables and figures that are
+    missing. The paths are added to `written`, also then.
     """
     prepare_folder(out)
     made = [write_csv(out / "findings.csv", audit_rows(findings))]
-    keys = {finding.key for finding in findings}
+    keys = set[str]() if interrupted else {finding.key for finding in findings}
     drawn: list[str] = []
     complete = False
     try:
@@ -172,7 +174,7 @@ def write(
             if figures and one.claim in keys:
                 made += draw(name, out / "images", kane_n=kane_n)
                 drawn.append(name)
-        complete = len(findings) == len(selected(only))
+        complete = not interrupted and len(findings) == len(selected(only))
     finally:
         with _files.replacing(out / "audit.md") as file:
             file.write(audit_markdown(findings, drawn))

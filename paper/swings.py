@@ -13,32 +13,28 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from npend_gym import Chain, simulate, theory
+from npend_gym._checks import FloatArray
 from npend_gym.theory import normal_modes
-from paper.arrays import FloatArray
 
 _PER_TURN = 8  # samples in a period of the fastest mode
 _HALVINGS = 50  # of the time between two samples
 _FRAMES = 400  # of a simulated motion, in a period of the slowest mode
 
 
-def momentum(chain: Chain, shape: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return the frequencies [rad/s] and strengths of the momentum after a release from rest.
-
-    It is -sum_k strengths_k sin(omega_k t) at small angles. `shape` has the angle of each rod at
-    the start, 1 for a straight one.
-    """
-    omega, modes = normal_modes(chain)
-    start = np.ones(chain.n) if shape is None else shape
-    amplitudes = (modes.T @ (chain.lift * start)) / (chain.lift @ modes**2)
-    return omega, (chain.lift @ modes) * amplitudes * omega
-
-
 def reversals(omega: FloatArray, strengths: FloatArray, count: int) -> FloatArray:
-    """Return the first `count` roots after 0 of sum_k strengths_k sin(omega_k t)."""
+    """Return the first `count` roots after 0 of sum_k strengths_k sin(omega_k t).
+
+    Raises
+    ------
+    ValueError
+        If fewer are within ten and `count` half periods of the slowest mode.
+    """
     step = 2.0 * math.pi / (_PER_TURN * float(omega[-1]))
     found: list[float] = []
     first, block = 1, 512
     while len(found) < count:
+        if step * first > (10 + count) * math.pi / float(omega[0]):
+            raise ValueError(f"the momentum must reverse {count} times, got {len(found)} reversals")
         times = step * np.arange(first, first + block + 1)
         positive = np.sin(np.outer(times, omega)) @ strengths > 0.0
         for k in np.flatnonzero(positive[1:] != positive[:-1]):
@@ -54,7 +50,9 @@ def reversals(omega: FloatArray, strengths: FloatArray, count: int) -> FloatArra
 
 def small_swings(chain: Chain, count: int) -> FloatArray:
     """Return how long [s] each of the first `count` swings takes after a small straight release."""
-    ends = reversals(*momentum(chain), 2 * count)[1::2]
+    omega, modes = normal_modes(chain)
+    share = (chain.lift @ modes) ** 2 / (chain.lift @ modes**2)
+    ends = reversals(omega, share * omega, 2 * count)[1::2]
     return np.diff(ends, prepend=0.0)
 
 

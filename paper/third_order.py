@@ -7,8 +7,8 @@ h being `Chain.lift`, the equations of order a and a^3 are
     (W + C) theta3'' + g H theta3 = F,
     F_i = sum_j W_ij [d_ij^2 theta1_j'' / 2 - d_ij theta1_j'^2] + g h_i theta1_i^3 / 6,
 
-with d_ij = theta1_i - theta1_j. theta1 is the sum of modes of `com_period`, and theta3 follows
-from F mode by mode. Nothing is fitted, and no step is integrated.
+with d_ij = theta1_i - theta1_j. theta1 is the sum of modes of `theory.com_period`, and theta3
+follows from F mode by mode. Nothing is fitted, and no step is integrated.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from npend_gym import Chain, _checks
+from npend_gym._checks import FloatArray
 from npend_gym.chain import check_hung
 from npend_gym.chain.inertia import link_inertia
-from npend_gym.theory import com_period, normal_modes
-from paper.arrays import FloatArray
-from paper.swings import momentum, reversals
+from npend_gym.theory import normal_modes
+from paper.swings import reversals
 
 MAX_THIRD_ORDER = 400  # rods: the work grows as n^3
+_NO_MOMENTUM = 1e-12  # of a mode, over the sum of what its rods have of it
 _POINTS = 16  # of Gauss's quadrature in a panel
 _PANEL = 2.0  # rad of the fastest mode: of the eight that the fastest term of F turns by
 _PANELS = 40  # worked on together
@@ -51,20 +53,21 @@ class AmplitudeGrowth(NamedTuple):
     inertia: float
 
 
-def amplitude_growth(chain: Chain, shape: FloatArray | None = None) -> AmplitudeGrowth:
+def amplitude_growth(chain: Chain, shape: ArrayLike = 1.0) -> AmplitudeGrowth:
     """Return how the periods of a chain that is released at rest begin to grow with the angle.
 
     Parameters
     ----------
     chain : Chain
-        Any chain that hangs straight at rest.
-    shape : ndarray, shape (n,), optional
-        Angle of each rod at the start, over a. 1 for all, a straight chain, if left out.
+        Any chain that hangs straight at rest. Damping and drag do not enter.
+    shape : array_like
+        Angle of each rod at the start, over a, shape (n,). One number stands for all rods.
 
     Raises
     ------
     ValueError
-        If the chain has more than 400 rods, no gravity, or a link that rests upright.
+        If the chain has more than 400 rods, no gravity, or a link that rests upright, or if the
+        start gives it no momentum.
 
     Notes
     -----
@@ -85,12 +88,11 @@ def amplitude_growth(chain: Chain, shape: FloatArray | None = None) -> Amplitude
         raise ValueError(f"chain must hang straight at rest, under gravity; got {chain}")
     omega, modes = normal_modes(chain)
     weight = lift @ modes**2
-    start = np.ones(n) if shape is None else shape
+    start = _checks.vector("shape", shape, n)
     columns = modes * ((modes.T @ (lift * start)) / weight)  # the angles of each mode, over a
-    if shape is None:
-        period = float(com_period(chain))
-    else:
-        period = float(reversals(*momentum(chain, shape), 2)[1])
+    if np.all(np.abs(lift @ columns) <= _NO_MOMENTUM * (lift @ np.abs(columns))):
+        raise ValueError(f"shape must give the chain a momentum, got {_checks.show(shape)}")
+    period = float(reversals(omega, (lift @ columns) * omega, 2)[1])
     q, rate = np.zeros((2, n))  # of the modes, of order a^3
     count = math.ceil(period * omega[-1] / _PANEL)
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)

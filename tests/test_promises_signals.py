@@ -19,6 +19,7 @@ from test_simulate_many import DOUBLE, drive, slow_drive
 
 from npend_gym import Chain, Event, Signal, chaos, pseudo_periods, simulate
 from npend_gym.cli import main
+from npend_gym.cli.common import Parser, dispatch
 
 ROOT = Path(__file__).parent.parent
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -277,3 +278,11 @@ def test_ctrl_c_while_a_command_starts_is_one_line_and_exit_code_130(start, seco
     assert len(error.splitlines()) == 1
     assert "interrupted" in error
     assert process.returncode == 130
+
+
+def test_ctrl_c_in_a_compiled_import_is_an_interruption(capsys):
+    def run(_):  # as modules of pybind11 do
+        raise ImportError("initialization failed") from KeyboardInterrupt()
+
+    assert dispatch(Parser(prog="npend release"), run, {}) == 130
+    assert capsys.readouterr().err == "npend release: interrupted\n"

@@ -136,15 +136,22 @@ def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dic
         sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
     except (ValueError, TypeError) as error:
         command.error(str(error))
-    except (ImportError, OSError, RuntimeError) as error:
+    except (ImportError, OSError, RuntimeError, KeyboardInterrupt) as error:
+        if _is_interrupt(error):
+            warn(f"{command.prog}: interrupted")
+            return INTERRUPTED
         is_closed = isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.EBADF)
         is_closed |= isinstance(error, BrokenPipeError)
         reason = "the output was closed before its end" if is_closed else error
         return _failed(f"{command.prog}: {reason}")
-    except KeyboardInterrupt:
-        warn(f"{command.prog}: interrupted")
-        return INTERRUPTED
     return code
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Return whether an error is of Ctrl-C, from which a compiled import makes an ImportError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__
+    return error is not None
 
 
 @contextlib.contextmanager

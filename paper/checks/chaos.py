@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from npend_gym import Chain
+from npend_gym import Chain, theory
 from npend_gym._palette import ORANGE
 from npend_gym.chaos import Growth, neighbour_distance, tangent_growth, volume_change
 from npend_gym.experiments import power_law
@@ -34,11 +34,12 @@ def runs() -> dict[str, dict[int, Growth]]:
 
 @check("chaos-energy")
 def _with_energy() -> Outcome:
-    angles = [0.1, math.pi / 4, 1.2, 1.5, 2.0]
-    found = [growth(2, angle, 500.0) for angle in angles]
+    angles, span = [0.1, PAPER_AMPLITUDE, 1.2, 1.5, 2.0], 500.0
+    found = [growth(2, angle, span) for angle in angles]
     chaotic, rates = [run.chaotic for run in found], [run.rate for run in found]
     holds = chaotic == sorted(chaotic) and not chaotic[0] and chaotic[-1]
-    return holds_if(holds, angles=angles, rates=rates, bound=found[0].bound)
+    return holds_if(holds, angles=angles, rates=rates, bound=found[0].bound, span=span,
+                    periods=span / theory.fundamental_period(Chain.uniform(2)))  # fmt: skip
 
 
 @check("no-solution")
@@ -98,19 +99,22 @@ def _draw_growth(figure: Figure, data: dict[str, dict[int, Growth]]) -> None:
 
     box: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     for axes, (angle, of_angle) in zip(panels(figure, 1, len(data)), data.items(), strict=True):
-        for k, (n, run) in enumerate(of_angle.items()):
+        for k, run in enumerate(of_angle.values()):
             kept = _spread(run, 400)
             estimates = np.abs(run.logarithm[kept]) / run.times[kept]
             color = shade(k / max(1, len(of_angle) - 1))
             axes.plot(run.times[kept], estimates, color=color, linewidth=1.0)
-            axes.annotate(f"N = {n}", (run.times[-1], run.exponent()), xytext=(4, -3), fontsize=8,
-                          textcoords="offset points", bbox=box)  # fmt: skip
         last = max(float(run.times[-1]) for run in of_angle.values())
         time = np.geomspace(10.0, last, 100)
         label = "ln t / t: a regular motion"
         axes.plot(time, np.log(time) / time, "--", color=ORANGE, linewidth=0.9, label=label)
         axes.set(xscale="log", yscale="log", xlabel="time [s]", title=f"Released from {angle}")
         axes.set(ylabel="mean rate of growth, so far [1/s]", xlim=(2.0, 4.0 * last))
+        (low, high), height = axes.get_ylim(), math.inf  # height of the label above
+        for n, run in sorted(of_angle.items(), key=lambda one: -one[1].exponent()):
+            height = min(run.exponent(), height * (low / high) ** 0.043)
+            axes.annotate(f"N = {n}", (run.times[-1], height), xytext=(4, -3), fontsize=8,
+                          textcoords="offset points", bbox=box)  # fmt: skip
         axes.legend(loc="lower left")
 
 

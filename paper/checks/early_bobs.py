@@ -68,7 +68,7 @@ def _draw_hesitation(figure: Figure, data: Hesitation) -> None:
         axes.set(
             title=f"{angle:.3g} rad", xlabel="time / $T_1$", xlim=(0.3, 1.15), ylim=(-0.3, 0.3)
         )
-    above.axes[0].legend(fontsize=7, loc="lower right")
+    above.axes[2].legend(fontsize=7, loc="center", bbox_to_anchor=(0.6, 0.75), handlelength=1.0)
     share, mean = below.subplots(1, 2)
     for n, color in zip(dict.fromkeys(row["n"] for row in data.rows), (ORANGE, AMBER, GREEN, BLUE),
                         strict=False):  # fmt: skip

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.integrate import odeint
 
 from npend_gym import Chain, IntegrationError, simulate, theory
+from npend_gym._checks import FloatArray
 from npend_gym._palette import BLUE, ORANGE
 from npend_gym.experiments import power_law
 from npend_gym.experiments.release import PAPER_AMPLITUDE
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
-from paper.arrays import FloatArray
 from paper.checks.chaos import neighbour_growth
 from paper.estimator import LISTING_DURATION
 from paper.motions import samples
@@ -178,9 +178,9 @@ def _first_order_system() -> Outcome:
 def odeint_errors(n: int, length: float) -> tuple[float, float]:
     """Return the largest errors of the paper's odeint within 10 s: angle [rad], relative energy."""
     chain, times = Chain.uniform(n, length=length), np.linspace(0.0, 10.0, 1000)
-    start = np.concatenate([np.full(n, np.pi / 4), np.zeros(n)])
+    start = np.concatenate([np.full(n, PAPER_AMPLITUDE), np.zeros(n)])
     state = cast("FloatArray", odeint(rates(chain), start, times, tfirst=True))
-    reference = simulate(chain, np.pi / 4, 0.0, times, rtol=1e-13, atol=1e-14)
+    reference = simulate(chain, PAPER_AMPLITUDE, 0.0, times, rtol=1e-13, atol=1e-14)
     kept = energy(chain, state[:, :n], state[:, n:])
     drift = float(np.max(np.abs(kept / kept[0] - 1.0)))
     return float(np.max(np.abs(state[:, :n] - reference.theta))), drift

@@ -3,11 +3,11 @@
 from typing import Any
 
 import numpy as np
-from scipy.special import jn_zeros
 
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments.fits import LAW_FROM, LAW_UP_TO
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_SPREAD
+from npend_gym.theory.rope import SLOWEST
 from paper import law
 from paper.hesitation import heights
 from paper.law import Law, Scan, fit_law, scan
@@ -44,7 +44,7 @@ def _scaling(n_values: tuple[int, ...] = LONG, amplitudes: tuple[float, ...] = S
 
 @check("factor")
 def _factor(n: int = LONG[-1]) -> Outcome:
-    mode = 2.0 / float(jn_zeros(0, 1)[0])
+    mode = 2.0 / SLOWEST
     numbers = {"mode": mode, "release": mode * float(theory.release_profile(0.5)), "n": n}
     measured = over_ideal(n, LEAST)
     return holds_if(abs(measured - 1.0) < 0.01, measured=measured, **numbers)
@@ -73,7 +73,7 @@ def _law(n_values: tuple[int, ...] = LONG, amplitudes: tuple[float, ...] = SMALL
 def _coincidence(n_values: Any = LONG, amplitudes: Any = SMALL) -> Outcome:
     angles = np.array([LEAST, PAPER_AMPLITUDE, LAW_UP_TO])
     measured = scan(n_values, tuple(angles.tolist())).median.mean(axis=1)
-    off = (1.0 + theory.amplitude_correction(angles)) / measured - 1.0
+    off = theory.pendulum_factor(angles) / measured - 1.0
     fine = np.linspace(0.0, LAW_UP_TO, 1201)
     law_there = fit_law(scan(n_values, amplitudes)).ratio(fine)
     return holds_if(bool(np.abs(off).max() < 0.01), crossing=float(np.interp(1.0, law_there, fine)),
@@ -100,7 +100,7 @@ def _readings() -> Outcome:
 @check("trial-equation")
 def _trial_equation() -> Outcome:
     angles = np.array([PAPER_AMPLITUDE, PAPER_AMPLITUDE + PAPER_SPREAD])
-    factor = 1.0 + theory.amplitude_correction(angles)
+    factor = theory.pendulum_factor(angles)
     median = [float(np.median(pseudo_periods(Chain.uniform(20), a))) for a in angles]
     model, measured = factor[1] / factor[0] - 1.0, median[1] / median[0] - 1.0
     whole = over_ideal(20, PAPER_AMPLITUDE) / factor[0] - 1.0

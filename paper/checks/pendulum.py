@@ -9,6 +9,7 @@ from scipy.special import ellipj, ellipk
 from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.experiments import power_law
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import potential_energy
 from paper.registry import Outcome, Verdict, check, holds_if, slip_if
@@ -17,7 +18,6 @@ PENDULUM = Chain(masses=1.3, lengths=0.7)  # not of unit size, so that no factor
 LENGTH = float(PENDULUM.lengths[0])
 RATE = math.sqrt(PENDULUM.gravity / LENGTH)  # rad/s, of small swings
 ANGLES = np.linspace(-3.0, 3.0, 25)  # rad
-QUARTER = math.pi / 4  # rad, the paper's release
 
 
 def measured_period(theta0: float, chain: Chain = PENDULUM) -> float:
@@ -63,8 +63,8 @@ def _small_swing() -> Outcome:
 
 @check("nonlinear")
 def _nonlinear() -> Outcome:
-    times = np.linspace(0.0, measured_period(QUARTER), 257)
-    path = simulate(PENDULUM, QUARTER, 0.0, times, rtol=1e-12, atol=1e-13)
+    times = np.linspace(0.0, measured_period(PAPER_AMPLITUDE), 257)
+    path = simulate(PENDULUM, PAPER_AMPLITUDE, 0.0, times, rtol=1e-12, atol=1e-13)
     spectrum = np.abs(np.fft.rfft(path.theta[:-1, 0]))
     third = float(spectrum[3] / spectrum[1])
     return slip_if(third > 1e-6, third=third)
@@ -82,7 +82,7 @@ def _elliptic() -> Outcome:
 
 @check("isochrony")
 def _isochrony() -> Outcome:
-    ratios = [1.0 + excess(a) for a in (0.001, QUARTER, 1.5)]
+    ratios = [1.0 + excess(a) for a in (0.001, PAPER_AMPLITUDE, 1.5)]
     return holds_if(ratios[0] < 1.0 + 1e-6, ratios=ratios)
 
 
@@ -97,9 +97,9 @@ def _cubic_error() -> Outcome:
 
 @check("one-pendulum")
 def _one_pendulum() -> Outcome:
-    measured = measured_period(QUARTER, Chain.uniform(1))
-    exact = float(theory.pendulum_period(QUARTER))
-    ratio = 16.0 * math.sin(QUARTER / 2.0) ** 2  # of successive terms as printed, in the limit
+    measured = measured_period(PAPER_AMPLITUDE, Chain.uniform(1))
+    exact = float(theory.pendulum_period(PAPER_AMPLITUDE))
+    ratio = 16.0 * math.sin(PAPER_AMPLITUDE / 2.0) ** 2  # of successive terms as printed
     return holds_if(ratio < 1.0, measured=measured, formula=exact)
 
 
@@ -116,7 +116,8 @@ def _massive_rods() -> Outcome:
 def _zero_offset() -> Outcome:
     chain = Chain.uniform(100)
     alpha = float(np.max(np.abs(accelerations(chain, 0.0, 0.0))))
-    start = float(simulate(chain, QUARTER, 0.0, [0.0, 1.0]).theta[0].max() - QUARTER)
+    theta = simulate(chain, PAPER_AMPLITUDE, 0.0, [0.0, 1.0]).theta[0]
+    start = float(theta.max() - PAPER_AMPLITUDE)
     return holds_if(alpha > 0.0 or start > 0.0, alpha=alpha, start=start)
 
 

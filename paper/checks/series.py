@@ -5,13 +5,14 @@ import math
 import numpy as np
 
 from npend_gym import theory
-from paper.arrays import FloatArray
-from paper.checks.pendulum import LENGTH, QUARTER, measured_period
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
+from paper.checks.pendulum import LENGTH, measured_period
 from paper.readings import ERRORS
 from paper.registry import Outcome, Verdict, check, holds_if
 
 MAX_TERMS = 40
-EXACT = float(theory.amplitude_correction(QUARTER))
+EXACT = float(theory.amplitude_correction(PAPER_AMPLITUDE))
 
 
 def printed_sums(theta0: float, terms: int = MAX_TERMS) -> FloatArray:
@@ -34,10 +35,10 @@ def origin(value: float, sums: FloatArray) -> str:
 
 @check("amplitude-series")
 def _amplitude_series() -> Outcome:
-    angles = [0.1, QUARTER, 1.5, 2.5]
+    angles = [0.1, PAPER_AMPLITUDE, 1.5, 2.5]
     measured = np.array([measured_period(angle) for angle in angles])
     off = float(np.max(np.abs(measured / theory.pendulum_period(angles, LENGTH) - 1.0)))
-    first = printed_sums(QUARTER)[0] / corrected_sums(QUARTER)[0]
+    first = printed_sums(PAPER_AMPLITUDE)[0] / corrected_sums(PAPER_AMPLITUDE)[0]
     return holds_if(abs(first - 1.0) < 1e-9, off=off, angles=angles, first=first)
 
 
@@ -53,16 +54,16 @@ def _series_taylor() -> Outcome:
 
 @check("series-value")
 def _series_value() -> Outcome:
-    sums, holds = printed_sums(QUARTER), abs(EXACT - 0.049) < 5e-4
+    sums, holds = printed_sums(PAPER_AMPLITUDE), abs(EXACT - 0.049) < 5e-4
     return holds_if(holds, exact=EXACT, cut_off=sums[9], origin=origin(0.049, sums))
 
 
 @check("series-diverges")
 def _series_diverges() -> Outcome:
-    printed, sums = printed_sums(QUARTER), corrected_sums(QUARTER)
+    printed, sums = printed_sums(PAPER_AMPLITUDE), corrected_sums(PAPER_AMPLITUDE)
     last, limit = np.diff(printed)[-2:], 2.0 * math.degrees(math.asin(0.25))
     return holds_if(abs(sums[-1] - EXACT) > 1e-12, after_5=sums[4], after_40=sums[-1],
-                    growth=last[1] / last[0], tends=16 * math.sin(QUARTER / 2) ** 2,
+                    growth=last[1] / last[0], tends=16 * math.sin(PAPER_AMPLITUDE / 2) ** 2,
                     limit=limit)  # fmt: skip
 
 
@@ -84,6 +85,6 @@ def _circular_bound() -> Outcome:
 @check("e-hat-value")
 def _circular_error_value() -> Outcome:
     value = 1.0 - EXACT / (1.0 + EXACT)
-    printed = 1.0 / (1.0 + printed_sums(QUARTER))
+    printed = 1.0 / (1.0 + printed_sums(PAPER_AMPLITUDE))
     return holds_if(abs(value - 0.309) < 5e-4, value=value, error=1.0 - value, cut_off=printed[14],
                     later=printed[19], origin=origin(0.309, printed))  # fmt: skip

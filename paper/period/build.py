@@ -1,20 +1,26 @@
-"""Set "The period of a released chain" as PDF: `python -m paper.period.build` (extra "paper").
+"""Set "The period of a released chain" as PDF: `python -m paper.period.build` (extra "paper")."""
 
-A folder as argument takes the place of `docs`; `--pages` writes each page as PNG besides.
-"""
-
-import sys
 from pathlib import Path
 
 import typst
 
+from npend_gym import _files
+from npend_gym.cli.common import Parser
+from npend_gym.report.outputs import prepare_folder
+
 HERE = Path(__file__).parent
 
 if __name__ == "__main__":
-    folder = Path(next((one for one in sys.argv[1:] if one != "--pages"), HERE.parents[1] / "docs"))
-    typst.compile(HERE / "period.typ", output=folder / "period_of_a_released_chain.pdf")
-    print("set:", folder / "period_of_a_released_chain.pdf")
-    if "--pages" in sys.argv:
-        pages = folder / "period_{p}.png"
+    parser = Parser(prog="python -m paper.period.build", description=__doc__)
+    docs = HERE.parents[1] / "docs"
+    parser.add_argument("folder", nargs="?", type=Path, default=docs, help="in place of docs")
+    parser.add_argument("--pages", action="store_true", help="write each page as PNG, too")
+    options = parser.parse_args()
+    prepare_folder(options.folder, "FOLDER must be")
+    with _files.replacing(options.folder / "period_of_a_released_chain.pdf", binary=True) as file:
+        file.write(typst.compile(HERE / "period.typ"))
+    print("set:", options.folder / "period_of_a_released_chain.pdf")
+    if options.pages:
+        pages = options.folder / "period_{p}.png"
         typst.compile(HERE / "period.typ", output=pages, format="png", ppi=110.0)
         print("drawn:", pages)

@@ -6,8 +6,6 @@ They go to `numbers.json` beside this file, from which the paper is set. A key c
 
 from __future__ import annotations
 
-import argparse
-import csv
 import json
 import math
 from functools import cache
@@ -15,22 +13,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import jn_zeros
 
-from npend_gym import Chain, pseudo_periods, theory
-from npend_gym.experiments.release import PAPER_AMPLITUDE as QUARTER
+from npend_gym import Chain, _files, pseudo_periods, theory
+from npend_gym.cli.common import Parser
+from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.theory.rope import SLOWEST
 from paper import hesitation
 from paper.checks.law import growth_of_the_middle
 from paper.findings import outcome
-from paper.period import front_numbers, limits, rope, swing_numbers
+from paper.period import front_numbers, growth, limits, rope, swing_numbers
+from paper.period.files import read_rows
 from paper.period.registry import NUMBERS, number
 from paper.readings import grid
 from paper.third_order import amplitude_growth
 
 FILE = Path(__file__).with_name("numbers.json")
-GROWTH = FILE.with_name("growth.csv")
-J01 = float(jn_zeros(0, 1)[0])
-ANGLES = (*(k / 20 for k in range(1, 21)), QUARTER)  # rad, up to where the law is stated
+ANGLES = (*(k / 20 for k in range(1, 21)), PAPER_AMPLITUDE)  # rad, up to where the law is stated
 BEYOND = (1.2, 1.4)  # rad
 ELSEWHERE = front_numbers, swing_numbers  # which register numbers, too
 
@@ -41,11 +39,6 @@ def com_period(n: int, amplitude: float, rtol: float = 1e-9) -> float:
     return float(pseudo_periods(Chain.uniform(n), amplitude, reading="com", rtol=rtol)[0])
 
 
-def slowest(n: int) -> float:
-    """Return the period [s] of the slowest mode of `n` equal rods."""
-    return theory.fundamental_period(Chain.uniform(n))
-
-
 @number("com-limit")
 def _com_limit(_quick: bool) -> str:
     return f"{theory.com_ratio():.6f}"
@@ -53,33 +46,30 @@ def _com_limit(_quick: bool) -> str:
 
 @number("com-small")
 def _com_small(_quick: bool) -> list[str]:
-    return [f"{float(theory.com_period(n)) / slowest(n):.5f}" for n in (2, 3, 5, 10, 100)]
+    chains = map(Chain.uniform, (2, 3, 5, 10, 100))
+    return [f"{theory.com_period(c) / theory.fundamental_period(c):.5f}" for c in chains]
 
 
 @number("factor")
 def _factor(_quick: bool) -> str:
-    return f"{theory.com_ratio() * 2.0 / J01:.4f}"
+    return f"{theory.com_ratio() * 2.0 / SLOWEST:.4f}"
 
 
 @number("slowest-factor")
 def _slowest_factor(_quick: bool) -> str:
-    return f"{2.0 / J01:.4f}"
+    return f"{2.0 / SLOWEST:.4f}"
 
 
 @number("slowest-next-order")
 def _next_order(_quick: bool) -> list[str]:
     """Relative errors of T1 to the order 1/N and to the next, at N = 10."""
-    return [f"{abs(theory.large_n_period(10, terms=k) / slowest(10) - 1.0):.1e}" for k in (1, 2)]
-
-
-def law(n: int, amplitude: float) -> float:
-    """Return the closed law [s], without the modes of the chain."""
-    return float(theory.large_n_com_period(n, amplitude))
+    t1 = theory.fundamental_period(Chain.uniform(10))
+    return [f"{abs(theory.large_n_period(10, terms=k) / t1 - 1.0):.1e}" for k in (1, 2)]
 
 
 def error(n: int, amplitude: float) -> float:
     """Return the closed law over the measured period, less one [%]."""
-    return 100.0 * (law(n, amplitude) / com_period(n, amplitude) - 1.0)
+    return 100.0 * (float(theory.large_n_com_period(n, amplitude)) / com_period(n, amplitude) - 1.0)
 
 
 @number("law-errors")
@@ -157,7 +147,7 @@ def _links(quick: bool) -> list[list[str]]:
 
 @number("rope")
 def _rope(_quick: bool) -> str:
-    return f"{limits.rope(1.0) / theory.single_period(1.0):.6f}"
+    return f"{theory.com_ratio() * 2.0 / SLOWEST:.6f}"
 
 
 @number("heavy-tip")
@@ -199,7 +189,7 @@ def _profile(_quick: bool) -> dict[str, str]:
 @cache
 def _early(quick: bool) -> list[dict[str, Any]]:
     counts = (20, 50, 100) if quick else (20, 50, 100, 200, 400, 800, 1600, 3200)
-    return hesitation.hesitation_rows(counts, (QUARTER,))
+    return hesitation.hesitation_rows(counts, (PAPER_AMPLITUDE,))
 
 
 @number("early")
@@ -213,7 +203,7 @@ def _early_table(quick: bool) -> list[list[str]]:
 def _fronts(_quick: bool) -> list[list[str]]:
     """Angle, and when the front is at the free end and back at the pivot, over T1: N = 50, 400."""
     rows: list[list[str]] = []
-    for a in (0.1, 0.5, QUARTER, 1.0):
+    for a in (0.1, 0.5, PAPER_AMPLITUDE, 1.0):
         times = [f"{one:.3f}" for n in (50, 400) for one in hesitation.front_times(n, a)]
         rows.append([f"{a:.3g}", *times])
     return rows
@@ -225,7 +215,7 @@ def _front_passes(_quick: bool) -> list[list[str]]:
 
     They turn for the third time, and so swing back, with the front.
     """
-    found = hesitation.velocities(400, QUARTER, (0.9, 0.8), frames=12_000)
+    found = hesitation.velocities(400, PAPER_AMPLITUDE, (0.9, 0.8), frames=12_000)
     rows: list[list[str]] = []
     for height, passes, values in zip(found.heights, found.passes, found.values, strict=True):
         turns = np.flatnonzero((values[:-1] < 0.0) & (values[1:] > 0.0))
@@ -236,14 +226,14 @@ def _front_passes(_quick: bool) -> list[list[str]]:
 @number("front-small")
 def _front_small(_quick: bool) -> list[str]:
     """When a small front is at the free end, and back at the pivot, over T1: exact for the rope."""
-    return [f"{share * J01 / math.pi:.3f}" for share in (0.5, 1.0)]
+    return [f"{share * SLOWEST / math.pi:.3f}" for share in (0.5, 1.0)]
 
 
 @number("early-times")
 def _early_times(quick: bool) -> list[str]:
     """Between which times early bobs complete from pi/4, over T1."""
-    n = 100 if quick else 400
-    ratio = pseudo_periods(Chain.uniform(n), QUARTER, rtol=1e-8) / slowest(n)
+    chain = Chain.uniform(100 if quick else 400)
+    ratio = pseudo_periods(chain, PAPER_AMPLITUDE, rtol=1e-8) / theory.fundamental_period(chain)
     early = ratio[ratio < hesitation.EARLY]
     return [f"{early.min():.2f}", f"{early.max():.2f}"]
 
@@ -262,8 +252,7 @@ def _growth(_quick: bool) -> list[list[str]]:
 
     From the table that `python -m paper.period.growth` makes, with that of linear growth last.
     """
-    with GROWTH.open(newline="", encoding="utf-8") as file:
-        return [list(row.values()) for row in csv.DictReader(file)]
+    return [list(row.values()) for row in read_rows(growth.FILE)]
 
 
 @number("source-error")
@@ -296,7 +285,7 @@ def _tables(quick: bool) -> dict[str, str]:
 
 def main() -> None:
     """Compute what is asked for, print it, and keep all that the paper needs."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(prog="python -m paper.period.compute", description=__doc__)
     parser.add_argument("keys", nargs="*", metavar="KEY", help=f"of {', '.join(NUMBERS)} (all)")
     parser.add_argument("--quick", action="store_true", help="short: a test, not the paper")
     arguments = parser.parse_args()
@@ -309,7 +298,8 @@ def main() -> None:
         if not arguments.quick:
             kept[key] = value
             text = json.dumps(dict(sorted(kept.items())), indent=1, ensure_ascii=False)
-            FILE.write_text(text + "\n", "utf-8")
+            with _files.replacing(FILE) as file:
+                file.write(text + "\n")
 
 
 if __name__ == "__main__":

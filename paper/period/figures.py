@@ -5,7 +5,6 @@ Names draw some alone, `python -m paper.period.figures law`; they go beside this
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +12,18 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from npend_gym import Chain, pseudo_periods, theory
+from npend_gym import Chain, _files, pseudo_periods, theory
 from npend_gym._palette import AMBER, BLACK, BLUE, FAINT, GREEN, ORANGE, PINK
+from npend_gym.cli.common import Parser
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from npend_gym.report import panels, styled
 from paper.period import front, growth_map
-from paper.period.compute import BEYOND, QUARTER, com_period, law
+from paper.period.compute import BEYOND, com_period
 from paper.registry import DRAWINGS, call
 
 HERE = Path(__file__).parent
 COUNTS = (1, 2, 5, 20, 100)  # on the left of the figure of the law
-SHOWN = (0.1, 0.2, 0.4, 0.6, QUARTER, 0.9, 1.0, *BEYOND)  # rad
+SHOWN = (0.1, 0.2, 0.4, 0.6, PAPER_AMPLITUDE, 0.9, 1.0, *BEYOND)  # rad
 ALONG = (1, 2, 3, 5, 10, 20, 50, 100, 200, 400)  # on its right
 
 
@@ -32,7 +33,7 @@ def draw_law() -> Figure:
     figure = Figure(figsize=(7.2, 3.2))
     left, right = panels(figure, 1, 2)
     fine = np.linspace(0.0, max(SHOWN), 200)
-    left.plot(fine, 1.0 + theory.amplitude_correction(fine), color=BLACK, label="the pendulum's")
+    left.plot(fine, theory.pendulum_factor(fine), color=BLACK, label="the pendulum's")
     markers = zip(COUNTS, "osD^v", (BLUE, GREEN, AMBER, ORANGE, BLACK), strict=True)
     for n, marker, color in markers:
         ratio = [com_period(n, a) / float(theory.com_period(n)) for a in SHOWN]
@@ -40,12 +41,12 @@ def draw_law() -> Figure:
     left.set(xlabel="starting angle a [rad]", ylabel="T(N, a) / T(N, 0)")
     left.legend(fontsize=7)
     counts = np.array(ALONG)
-    measured = [com_period(n, QUARTER) for n in ALONG]
-    means = [pseudo_periods(Chain.uniform(n), QUARTER, rtol=1e-8).mean() for n in ALONG]
-    grown = 1.0 + float(theory.amplitude_correction(QUARTER))
-    old = theory.single_period() * np.sqrt(counts) * grown
+    measured = [com_period(n, PAPER_AMPLITUDE) for n in ALONG]
+    means = [pseudo_periods(Chain.uniform(n), PAPER_AMPLITUDE, rtol=1e-8).mean() for n in ALONG]
+    old = theory.pendulum_period(PAPER_AMPLITUDE) * np.sqrt(counts)
+    law = [float(theory.large_n_com_period(n, PAPER_AMPLITUDE)) for n in ALONG]
     unit = theory.single_period() * np.sqrt(counts + 0.5)
-    right.plot(counts, [law(n, QUARTER) for n in ALONG] / unit, color=BLACK, label="the law")
+    right.plot(counts, law / unit, color=BLACK, label="the law")
     right.plot(counts, measured / unit, "o", color=BLUE, markersize=4, label="centre of mass")
     right.plot(counts, means / unit, "s", color=ORANGE, markersize=4, label="mean over the bobs")
     right.plot(counts, old / unit, "--", color=GREEN, label="the source paper's model")
@@ -77,7 +78,7 @@ def draw_front() -> Figure:
     delta, x = np.linspace(-0.3, 0.1, 801), 0.8
     small = front.acceleration(x, 1.0 + x + delta)
     middle.plot(delta, small, color=BLACK, linewidth=1.0, label="a → 0")
-    for a, color in ((0.25, BLUE), (0.4, GREEN), (0.6, ORANGE), (QUARTER, PINK)):
+    for a, color in ((0.25, BLUE), (0.4, GREEN), (0.6, ORANGE), (PAPER_AMPLITUDE, PINK)):
         found = front.kept_at(a, x)
         middle.plot(found.delta, found.values, color=color, linewidth=1.0, label=f"{a:.3g} rad")
     middle.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -119,7 +120,13 @@ def draw_map() -> Figure:
 FIGURES = {"law": draw_law, "hesitation": draw_hesitation, "front": draw_front, "map": draw_map}
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or FIGURES:
+    parser = Parser(prog="python -m paper.period.figures", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FIGURES)} (all)")
+    names = parser.parse_args().names
+    if unknown := set(names) - set(FIGURES):
+        parser.error(f"no figure of the paper: {', '.join(sorted(unknown))}")
+    for name in names or FIGURES:
         path = HERE / f"{name}.svg"
-        FIGURES[name]().savefig(path, metadata={"Date": None})
+        with _files.replacing(path, binary=True) as file:
+            FIGURES[name]().savefig(file, format="svg", metadata={"Date": None})
         print("drawn:", path)

@@ -17,10 +17,8 @@ paper.period.front out.csv 400:0.4` follows 400 rods from 0.4 rad.
 
 from __future__ import annotations
 
-import csv
 import math
-import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -29,14 +27,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import j0, j1, jn_zeros
 
-from npend_gym import Chain, simulate, theory
-from paper.arrays import FloatArray
+from npend_gym import Chain, _checks, simulate, theory
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from paper.hesitation import front_passes
+from paper.period.files import read_rows, write_rows
 
 FILE = Path(__file__).with_name("front.csv")
 RUNS = (  # rods, and angles: small ones need more rods, for what they bend is short
     (3200, 0.25), (3200, 0.3), (3200, 0.4), (1600, 0.5), (1600, 0.6), (1600, 0.7),
-    (1600, math.pi / 4),
+    (1600, PAPER_AMPLITUDE),
 )  # fmt: skip
 PLACES = (0.6, 0.8, 0.9)  # x
 AROUND = np.linspace(-0.65, 0.1, 301)  # times around the return of the front
@@ -52,7 +52,8 @@ _FRAMES = 1000
 def _zeros(count: int) -> FloatArray:
     b: FloatArray = (np.arange(1.0, count + 1.0) - 0.25) * math.pi
     zeros = b + 1.0 / (8.0 * b) - 31.0 / (384.0 * b**3)
-    zeros[:_EXACT] = jn_zeros(0, _EXACT)
+    known = min(count, _EXACT)
+    zeros[:known] = jn_zeros(0, known)
     return zeros
 
 
@@ -133,7 +134,8 @@ def measured(n: int, amplitude: float, at: Sequence[float] = PLACES) -> list[Ret
 
     The acceleration is a mean over two steps of `AROUND`, for single rods make waves.
     """
-    chain = Chain.uniform(n)
+    chain = Chain.uniform(_checks.count("n", n, low=3))
+    amplitude = _checks.positive_number("amplitude", amplitude)
     unit = 2.0 * math.sqrt((n + 0.5) * float(chain.lengths[0]) / chain.gravity)
     t1, squares = theory.fundamental_period(chain), [x**2 for x in at]
     tip, *returns = (front_passes(n, amplitude, [0.0, *squares], _FRAMES) * t1).tolist()
@@ -156,11 +158,9 @@ def measured(n: int, amplitude: float, at: Sequence[float] = PLACES) -> list[Ret
 
 def kept() -> list[Return]:
     """Return what the file has, by angle and x."""
-    with FILE.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))[1:]
     return [
         Return(int(n), float(a), float(x), float(tip), AROUND, np.array(values, float))
-        for n, a, x, tip, *values in rows
+        for n, a, x, tip, *values in (row.values() for row in read_rows(FILE))
     ]
 
 
@@ -170,15 +170,15 @@ def kept_at(amplitude: float, x: float) -> Return:
     return min(some, key=lambda one: abs(one.x - x))
 
 
+def rows(n: int, amplitude: float) -> Iterator[dict[str, object]]:
+    """Yield the row of each of `PLACES`."""
+    for one in measured(n, amplitude):
+        yield {
+            "n": one.n, "angle_rad": f"{one.amplitude:.6g}", "x": f"{one.x:.6f}",
+            "tip_rad": f"{one.tip:.4f}",
+            **{f"{at:g}": f"{value:.4f}" for at, value in zip(AROUND, one.values, strict=True)},
+        }  # fmt: skip
+
+
 if __name__ == "__main__":
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
-    asked = [tuple(map(float, one.split(":"))) for one in sys.argv[2:]] or RUNS
-    with out.open("w", newline="", encoding="utf-8") as opened:
-        table = csv.writer(opened, lineterminator="\n")
-        table.writerow(["n", "angle_rad", "x", "tip_rad", *(f"{one:g}" for one in AROUND)])
-        for count, angle in asked:
-            for one in measured(int(count), angle):
-                row = f"{one.n}", f"{one.amplitude:.6g}", f"{one.x:.6f}", f"{one.tip:.4f}"
-                table.writerow([*row, *(f"{value:.4f}" for value in one.values)])
-            opened.flush()
-            print(count, angle, flush=True)
+    write_rows(__doc__, FILE, RUNS, rows, "RAD")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from paper.period import front
 from paper.period.registry import number
 
@@ -53,7 +52,7 @@ def _front_before(_quick: bool) -> list[list[str]]:
     Last, that simulated at x = 0.9.
     """
     rows: list[list[str]] = []
-    for a in (0.3, 0.4, 0.5, 0.6, 0.7, math.pi / 4):
+    for a in (0.3, 0.4, 0.5, 0.6, 0.7, PAPER_AMPLITUDE):
         found = [front.kept_at(a, x) for x in (0.8, 0.9)]
         values = [float(np.interp(-LAST, one.delta, one.values)) for one in found]
         formula = front.before_the_front(0.8, a, CORE)

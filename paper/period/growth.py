@@ -6,18 +6,18 @@ T/32 to T/16, ..., T/2 to T of the runs. `python -m paper.period.growth out.csv 
 follows two rods for 640 s and ten for 320 s.
 """
 
-import csv
 import math
-import sys
-from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from npend_gym import Chain
+from npend_gym._checks import FloatArray
 from npend_gym.chaos import tangents
-from paper.arrays import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
+from paper.period.files import write_rows
 
+FILE = Path(__file__).with_name("growth.csv")
 RUNS = {2: 32_000, 3: 32_000, 4: 16_000, 5: 16_000, 6: 16_000, 8: 16_000, 10: 8_000, 20: 4_000}
 STARTS, APART = 4, 1e-4  # releases for each number of rods, and between their angles [rad]
 WINDOWS = 5  # each twice as long as the one before
@@ -32,7 +32,7 @@ def logarithm(n: int, seconds: float, offset: float) -> FloatArray:
     vectors = np.random.default_rng(n).normal(size=(1, 2 * n))
     vectors /= np.linalg.norm(vectors)
     times, found, total = np.linspace(0.0, seconds, POINTS + 1), np.zeros(POINTS + 1), 0.0
-    for span, frames in tangents(Chain.uniform(n), math.pi / 4 + offset, 0.0, times, vectors):
+    for span, frames in tangents(Chain.uniform(n), PAPER_AMPLITUDE + offset, 0.0, times, vectors):
         found[span] = total + np.log(np.linalg.norm(frames[:, 0], axis=1))
         size = np.linalg.norm(vectors)
         total += float(np.log(size))
@@ -61,28 +61,5 @@ def rows(n: int, seconds: float) -> list[dict[str, object]]:
     return found
 
 
-def write_runs(
-    file: Path,
-    runs: Mapping[int, float],
-    rows_of: Callable[[int, float], Iterable[Mapping[str, object]]],
-) -> None:
-    """Write the rows of each run to a CSV file when they are known, and print them.
-
-    Arguments of the command line may name another file, and then other runs as n:seconds.
-    """
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else file
-    asked = [tuple(map(float, one.split(":"))) for one in sys.argv[2:]] or runs.items()
-    with out.open("w", newline="", encoding="utf-8") as opened:
-        table = None
-        for n, seconds in asked:
-            for row in rows_of(int(n), seconds):
-                if table is None:
-                    table = csv.DictWriter(opened, list(row), lineterminator="\n")
-                    table.writeheader()
-                table.writerow(row)
-                opened.flush()
-                print(*row.values(), flush=True)
-
-
 if __name__ == "__main__":
-    write_runs(Path(__file__).with_name("growth.csv"), RUNS, rows)
+    write_rows(__doc__, FILE, RUNS.items(), rows, "SECONDS")

@@ -6,21 +6,22 @@ besides. The angle of a start is the angle of the line from the pivot to the cen
 pendulum that the centre of mass resembles has it.
 
 `python -m paper.period.growth_map` writes `growth_map.csv` beside this file, in some two minutes.
+`python -m paper.period.growth_map out.csv 30:0.5` has 30 rods and half their mass at the tip.
 """
 
 from __future__ import annotations
 
-import csv
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from npend_gym import Chain
+from npend_gym import Chain, _checks
+from npend_gym._checks import FloatArray
 from npend_gym.theory import normal_modes
-from paper.arrays import FloatArray
+from paper.period.files import read_rows, write_rows
 from paper.third_order import amplitude_growth
 
 FILE = Path(__file__).with_name("growth_map.csv")
@@ -50,24 +51,22 @@ def slowest(chain: Chain) -> FloatArray:
     return normal_modes(chain)[1][:, 0]
 
 
-def growth(chain: Chain, shape: FloatArray | None = None) -> float:
+def growth(chain: Chain, shape: ArrayLike = 1.0) -> float:
     """Return 16 b of a start with angles like `shape`, straight if left out."""
-    if shape is None:
-        return 16.0 * amplitude_growth(chain).com
-    middle = float(chain.lift @ shape) / float(chain.lift.sum())  # the angle of the centre of mass
-    return 16.0 * amplitude_growth(chain, shape / middle).com
+    start = _checks.vector("shape", shape, chain.n)
+    middle = chain.lift @ start / chain.lift.sum()  # the angle of the centre of mass
+    return 16.0 * amplitude_growth(chain, start / middle).com
 
 
-def rows() -> Iterator[dict[str, Any]]:
-    """Yield the rows of the file: start, power, bend, mass at the tip, and 16 b."""
-    for tip in TIPS.tolist():
-        for power in POWERS.tolist():
-            chain = profile(power, tip)
-            yield _row("straight", tip, power, 0.0, growth(chain))
-            yield _row("slowest mode", tip, power, 0.0, growth(chain, slowest(chain)))
-        chain = profile(0.0, tip)
-        for bend in BENDS.tolist():
-            yield _row("bent", tip, 0.0, bend, growth(chain, bent(RODS, bend)))
+def rows(rods: int, tip: float) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a mass at the tip: start, power, bend, mass at the tip, and 16 b."""
+    for power in POWERS.tolist():
+        chain = profile(power, tip, rods)
+        yield _row("straight", tip, power, 0.0, growth(chain))
+        yield _row("slowest mode", tip, power, 0.0, growth(chain, slowest(chain)))
+    chain = profile(0.0, tip, rods)
+    for bend in BENDS.tolist():
+        yield _row("bent", tip, 0.0, bend, growth(chain, bent(rods, bend)))
 
 
 def _row(name: str, tip: float, power: float, bend: float, found: float) -> dict[str, Any]:
@@ -79,17 +78,9 @@ def _row(name: str, tip: float, power: float, bend: float, found: float) -> dict
 
 def kept(name: str) -> FloatArray:
     """Return the 16 b of the start `name` in the file: tips in rows, powers or bends in columns."""
-    with FILE.open(newline="", encoding="utf-8") as file:
-        found = [float(row["growth"]) for row in csv.DictReader(file) if row["start"] == name]
+    found = [float(row["growth"]) for row in read_rows(FILE) if row["start"] == name]
     return np.array(found).reshape(TIPS.size, -1)
 
 
 if __name__ == "__main__":
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
-    with out.open("w", newline="", encoding="utf-8") as opened:
-        table = csv.DictWriter(
-            opened, ["start", "power", "bend", "tip", "growth"], lineterminator="\n"
-        )
-        table.writeheader()
-        table.writerows(rows())
-    print("written:", out)
+    write_rows(__doc__, FILE, ((RODS, tip) for tip in TIPS.tolist()), rows, "MASS")

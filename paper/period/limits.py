@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.special import jn_zeros
 
 from npend_gym import Chain, pseudo_periods, theory
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from npend_gym.theory import normal_modes
-from paper.arrays import FloatArray
 from paper.third_order import amplitude_growth
 
 RODS = 20
 SMALL = 1e-3  # rad: the greatest angle from which the limit of small angles is measured
 RANDOM_N, CHAINS = (2, 3, 5, 10, 20), 40
-ANGLES = (0.5, math.pi / 4, 1.0)  # rad
+ANGLES = (0.5, PAPER_AMPLITUDE, 1.0)  # rad
 
 
 def measured(chain: Chain, theta: FloatArray | float) -> float:
@@ -27,14 +26,14 @@ def measured(chain: Chain, theta: FloatArray | float) -> float:
 def starts() -> dict[str, FloatArray]:
     """Return the shapes of some starts of 20 rods: the angle of each rod over the greatest."""
     down: FloatArray = (np.arange(RODS) + 0.5) / RODS  # of the middle of each rod
-    mode = normal_modes(Chain.uniform(RODS))[1][:, 0]
-    return {
+    shapes = {
         "straight": np.ones(RODS),
-        "the slowest mode": mode / mode.max(),
-        "from a/2 at the pivot to a at the tip": (1.0 + down) / (2.0 - 0.5 / RODS),
-        "from a at the pivot to a/2 at the tip": 1.0 - 0.5 * down,
+        "the slowest mode": normal_modes(Chain.uniform(RODS))[1][:, 0],
+        "from a/2 at the pivot to a at the tip": 1.0 + down,
+        "from a at the pivot to a/2 at the tip": 2.0 - down,
         "lower half at a, upper half at rest": np.where(down > 0.5, 1.0, 0.0),
     }
+    return {name: shape / shape.max() for name, shape in shapes.items()}
 
 
 def start_errors(shape: FloatArray, angles: tuple[float, ...] = ANGLES[1:]) -> FloatArray:
@@ -45,9 +44,9 @@ def start_errors(shape: FloatArray, angles: tuple[float, ...] = ANGLES[1:]) -> F
     """
     chain = Chain.uniform(RODS)
     limit = measured(chain, SMALL * shape)
-    law = [limit * (1.0 + float(theory.amplitude_correction(a))) for a in angles]
+    law = limit * theory.pendulum_factor(angles)
     periods = [measured(chain, a * shape) for a in angles]
-    return 100.0 * (np.array(law) / np.array(periods) - 1.0)
+    return 100.0 * (law / np.array(periods) - 1.0)
 
 
 def chain_errors(chain: Chain) -> FloatArray:
@@ -69,12 +68,6 @@ def random_errors(n: int) -> tuple[FloatArray, FloatArray]:
     return np.median(errors, axis=0), errors.max(axis=0)
 
 
-def rope(length: float, amplitude: float = 0.0) -> float:
-    """Return the law of a rope of `length` [m] released straight [s]: small angles are exact."""
-    slowest = 2.0 / float(jn_zeros(0, 1)[0]) * theory.single_period(length)
-    return theory.com_ratio() * slowest * (1.0 + float(theory.amplitude_correction(amplitude)))
-
-
 def links(n: int) -> Chain:
     """Return `n` uniform rods of 1 m and 1 kg, which carry no bobs."""
     return Chain.rods(np.ones(n), np.ones(n))
@@ -87,8 +80,9 @@ def links_constant(n: int) -> float:
 
 def links_error(n: int, angles: tuple[float, ...]) -> float:
     """Return the largest error of the rope's law for `n` links, over the measured period [%]."""
-    errors = [rope(float(n), a) / measured(links(n), a) - 1.0 for a in angles]
-    return 100.0 * max(map(abs, errors))
+    law = theory.large_n_com_period(n, angles, n / (n + 0.5))  # links of n metres, as a rope
+    errors = law / [measured(links(n), a) for a in angles] - 1.0
+    return 100.0 * float(np.abs(errors).max())
 
 
 def tip_growth(n: int, tip: float) -> float:

@@ -6,15 +6,16 @@ the energy over the windows T/32 to T/16, ..., T/2 to T. It also says when this 
 `python -m paper.period.modes out.csv 2:640 10:320` follows two rods for 640 s and ten for 320 s.
 """
 
-import math
 from pathlib import Path
 
 import numpy as np
 
 from npend_gym import Chain, simulate
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from npend_gym.theory import normal_modes
-from paper.arrays import FloatArray
-from paper.period.growth import APART, STARTS, WINDOWS, write_runs
+from paper.period.files import write_rows
+from paper.period.growth import APART, STARTS, WINDOWS
 
 FILE = Path(__file__).with_name("modes.csv")
 RUNS = {2: 16_000, 5: 16_000, 6: 16_000, 8: 16_000, 10: 16_000, 20: 8_000}
@@ -41,7 +42,7 @@ def row(n: int, seconds: float, offset: float) -> dict[str, object]:
     """Return the row of a release of n equal rods from pi/4 + `offset` [rad]."""
     chain = Chain.uniform(n)
     times = np.linspace(0.0, seconds, POINTS + 1)
-    motion = simulate(chain, math.pi / 4 + offset, 0.0, times, rtol=_RTOL, atol=1e-2 * _RTOL)
+    motion = simulate(chain, PAPER_AMPLITUDE + offset, 0.0, times, rtol=_RTOL, atol=1e-2 * _RTOL)
     share = shares(chain, motion.theta, motion.omega)
     windows = [share[POINTS >> k : POINTS >> (k - 1), 0].mean() for k in range(WINDOWS, 0, -1)]
     below = np.flatnonzero(np.convolve(share[:, 0], np.full(MEAN, 1.0 / MEAN), "valid") < 0.5)
@@ -55,4 +56,5 @@ def row(n: int, seconds: float, offset: float) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    write_runs(FILE, RUNS, lambda n, seconds: (row(n, seconds, APART * k) for k in range(STARTS)))
+    starts = APART * np.arange(STARTS)
+    write_rows(__doc__, FILE, RUNS.items(), lambda n, t: (row(n, t, a) for a in starts), "SECONDS")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import math
 
 import numpy as np
 from scipy.special import jn_zeros
 
 from npend_gym import Chain, theory
-from npend_gym.experiments.release import PAPER_AMPLITUDE as QUARTER
-from paper.arrays import FloatArray
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from paper.period import growth_map, modes
+from paper.period.files import read_rows
 from paper.period.registry import number
 from paper.swings import measured_swings, small_swings
 
@@ -25,7 +25,7 @@ def _swings(quick: bool) -> list[list[str]]:
     for n in (2, 5) if quick else (2, 5, 20, 100):
         chain = Chain.uniform(n)
         t1 = theory.fundamental_period(chain)
-        found = small_swings(chain, MANY) / t1, measured_swings(chain, QUARTER, COUNT) / t1
+        found = small_swings(chain, MANY) / t1, measured_swings(chain, PAPER_AMPLITUDE, COUNT) / t1
         rows.append([str(n), *(text for one in found for text in _range(one))])
     return rows
 
@@ -73,9 +73,8 @@ def _modes_last(_quick: bool) -> list[str]:
 def _followed() -> dict[str, list[dict[str, str]]]:
     """Return the rows of the table of `modes`, by the number of rods."""
     table: dict[str, list[dict[str, str]]] = {}
-    with modes.FILE.open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            table.setdefault(row["n"], []).append(row)
+    for row in read_rows(modes.FILE):
+        table.setdefault(row["n"], []).append(row)
     return table
 
 
@@ -84,7 +83,7 @@ def _growth_starts(_quick: bool) -> dict[str, str]:
     """16 b of equal bobs by the start: straight, the slowest mode, bent outwards and inwards."""
     chain = growth_map.profile(0.0, 0.0, 100)
     shapes = {
-        "straight": None, "slowest": growth_map.slowest(chain),
+        "straight": 1.0, "slowest": growth_map.slowest(chain),
         "outwards": growth_map.bent(100, 0.5), "inwards": growth_map.bent(100, -0.5),
     }  # fmt: skip
     return {name: f"{growth_map.growth(chain, shape):.2f}" for name, shape in shapes.items()}

@@ -1,5 +1,4 @@
 import sys
-from functools import cache
 
 import numpy as np
 import oracle
@@ -7,21 +6,12 @@ import pytest
 
 from npend_gym import Chain
 from npend_gym.physics import accelerations
-from paper import kane
+from paper.checks.kane import kane_costs
 from paper.kane import derive, kane_accelerations
-
-
-@pytest.fixture(scope="module")
-def derive_once():
-    """`derive`, for these tests and for `kane_accelerations`, that keeps what it derived."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kane, "derive", cache(derive))
-        yield kane.derive
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6])
-@pytest.mark.usefixtures("derive_once")
 def test_kanes_method_gives_the_same_accelerations_for_unequal_rods(n):
     rng = np.random.default_rng(n)
     by_kane = kane_accelerations(n)
@@ -44,15 +34,10 @@ def test_one_number_stands_for_all_rods():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("largest", [6, 7])
-def test_the_equations_grow_as_a_cube_of_n(largest, derive_once):
-    import sympy
-
-    def size(n):
-        system = derive_once(n)
-        return int(sympy.count_ops(system.mass_matrix) + sympy.count_ops(system.forcing))
-
-    assert not np.diff([size(n) for n in range(2, largest + 1)], 4).any()
+def test_the_equations_grow_as_a_cube_of_n():
+    costs = kane_costs(7)
+    assert not np.diff([cost["operations"] for cost in costs[1:]], 4).any()
+    assert all(cost["seconds"] > 0.0 for cost in costs)
 
 
 @pytest.mark.parametrize(

@@ -36,9 +36,16 @@ def test_the_table_counts_the_bobs_that_complete_early():
     assert row["lowest"] == early.min()
 
 
+@pytest.mark.parametrize("n", [5, 10])
+def test_short_chains_have_no_onset(n):
+    with pytest.raises(ValueError, match=f"n must be a number of rods .* got {n}"):
+        hesitation.onset(n)
+
+
 def test_hesitating_bobs_have_a_second_reversal_before_the_front_returns():
     found = hesitation.velocities(100, np.pi / 4, [0.9, 0.5])
     assert found.heights == pytest.approx([0.9, 0.5], abs=0.01)
+    assert np.abs(found.values).max() == 1.0  # by the greatest speed so far
     before = (found.times > 0.5) & (found.times < 0.95 * found.passes[0])
     turns = np.count_nonzero(np.diff(np.sign(found.values[:, before])), axis=1)
     assert turns.tolist() == [2, 1]

@@ -1,3 +1,6 @@
+import ast
+import math
+
 import numpy as np
 import pytest
 
@@ -5,7 +8,7 @@ from npend_gym import theory
 from paper.checks import periods
 from paper.checks.procedure import figure2, series
 from paper.findings import finding, outcome
-from paper.printed import error_bar
+from paper.printed import listings
 from paper.registry import Verdict
 
 
@@ -47,7 +50,19 @@ def test_the_printed_digits_fix_the_fraction_that_made_them():
 
 
 def test_error_bars_are_the_sum_that_the_listing_spells_out():
-    assert periods.listing_bars() * periods.ideal()[0] == pytest.approx(error_bar(5), rel=1e-12)
+    lines = map(ast.unparse, listings()[3].tree.body)
+    (bar,) = (line for line in lines if line.startswith("yerr_val = "))
+    names = {"np": np, "math": math, "x": 5}
+    exec(bar, names)
+    expected = periods.listing_bars() * periods.ideal()[0]
+    assert names["yerr_val"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_maximum_of_a_trial_would_be_the_model_had_the_slowest_bob_its_period(monkeypatch):
+    assert outcome("maximum").verdict is Verdict.FAILS
+    ideal = dict(zip((5, 10, 20, 100), periods.ideal(), strict=True))
+    monkeypatch.setattr(periods, "bob_periods", lambda n, _: np.array([0.5, 1.0]) * ideal[n])
+    assert outcome("maximum").verdict is Verdict.HOLDS
 
 
 def test_only_the_first_fraction_has_an_origin_in_the_paper():

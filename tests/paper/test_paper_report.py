@@ -153,6 +153,7 @@ def test_the_command_lists_its_keys(capsys):
         ("--onli eom", "did you mean --only?"),
         ("--only eom --full", "--full is an option of com-law, which --only leaves out"),
         ("--only eom --threads 3", "--threads is an option of com-law"),
+        ("--only eom --kane-n 12", "--kane-n is an option of run-time, which --only leaves out"),
         ("--only com-law --out new --n 0", "n must be between"),
         ("--only com-law --out new --amplitudes 0", "amplitudes must be greater than zero"),
         ("--only com-law --out new --amplitudes 3.2", "amplitudes must lie within pi/2"),
@@ -177,14 +178,15 @@ def test_what_was_found_is_kept_when_the_rest_fails(
     trouble, code, message, tmp_path, capsys, monkeypatch
 ):
     def some(*_args, **_options):
-        yield next(audit(["history"]))
+        yield next(audit(["t0-digits"]))
         raise trouble
 
     monkeypatch.setattr(command, "audit", some)
     assert main(["--out", str(tmp_path)]) == code
     captured = capsys.readouterr()
     assert message in captured.err
-    assert "1 finding: 1 is not decidable" in captured.out
+    assert "1 finding: 1 holds but for a slip" in captured.out
+    assert (tmp_path / "digits.csv").exists() is (code != 130)  # Ctrl-C: no more is computed
     assert json.loads((tmp_path / "manifest.json").read_text())["complete"] is False
 
 

@@ -22,6 +22,7 @@ def test_the_free_end_turns_a_jump_into_a_logarithm_and_back(x):
         assert grown == pytest.approx(sign * strength / math.pi * math.log(10.0), abs=2e-3)
         assert near[passage, 0] == pytest.approx(near[passage, 1], abs=0.02)  # no jump
     assert front.acceleration(x, 0.9 * (1.0 - x)) == pytest.approx(-1.0, abs=1e-4)  # free fall
+    assert front.acceleration(x, 0.5 * (1.0 - x), modes=20) == pytest.approx(-1.0, abs=0.1)
 
 
 def test_the_acceleration_is_the_change_of_the_velocity_of_many_rods():
