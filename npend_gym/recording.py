@@ -145,6 +145,8 @@ def record_simulation(
     seconds, n = _checks.positive_number("duration", seconds), check_chain(chain).n
     reading = check_reading(reading)
     theta, omega = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
+    if not intervals:
+        raise ValueError("intervals must be one or more times between instants [s], got none")
     steps = [min(_checks.positive_number("interval", each), seconds) for each in intervals]
     check_angles(sum(seconds / step for step in steps), n)
     instants = [step * np.arange(int(seconds / step + 1e-9) + 1.0) for step in steps]
@@ -273,7 +275,8 @@ def record_episode(
     infos, done = [info], False
     while not done:
         action = np.asarray(policy(_of_one(observation), _of_one(info)))[0]
-        action = action.astype(env.action_space.dtype)
+        if isinstance(env.action_space, gym.spaces.Box):
+            action = action.astype(env.action_space.dtype)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds - 0.5 * config.dt
         infos.append(info)

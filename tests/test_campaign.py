@@ -90,6 +90,7 @@ def test_a_plan_equals_the_plan_that_is_made_from_its_dict():
         ({"n": "2"}, TypeError, "n must be an integer"),
         ({"n": [2, 2]}, ValueError, "n must name each value once, got 2 twice"),
         ({"n": [2, 3], "masses": [[1, 2]]}, ValueError, "masses must be one number or 3 of them"),
+        ({"n": 2, "masses": [[[1, 2]]]}, ValueError, r"of masses must .* got shape \(1, 2\)"),
         ({"masses": [1.0, 0.0]}, ValueError, "masses must be greater than zero"),
         ({"amplitude": [0.1, 0.0]}, ValueError, "amplitude must not be 0"),
         ({"amplitude": [0.1, 3.0], "spread": [0.0, 0.2]}, ValueError, "must stay within pi"),
@@ -373,6 +374,15 @@ def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("npend_gym.experiments.campaign.campaign.__version__", "9.0")
     with pytest.raises(ValueError, match="another folder"):
         Campaign(None, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "plans", [[{"chain": "acrobot"}, {"n": 2}], [{"n": 2}, {"chain": "acrobot"}]]
+)
+def test_a_plan_with_a_chain_and_one_without_are_told_apart(plans, tmp_path):
+    held, asked = (CampaignPlan(trials=1, **values) for values in plans)
+    with Campaign(held, tmp_path), pytest.raises(ValueError, match="another plan, with chain = "):
+        Campaign(asked, tmp_path)
 
 
 def test_equal_plans_have_one_digest_and_continue_in_one_folder(tmp_path):

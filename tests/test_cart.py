@@ -191,6 +191,8 @@ def test_the_defaults_are_those_of_the_documentation():
     assert (config.cart_mass, config.rail, config.rail_damping) == (1.5, 2.0, 0.0)
     assert config.max_force == pytest.approx(0.2 * 9.81 * 3.0, rel=1e-14)
     assert config.actuated == ()
+    weightless = EnvConfig(base="cart", mode="calm", gravity=0.0)  # has the force of the Earth's
+    assert weightless.max_force == EnvConfig(base="cart", mode="calm").max_force
     assert EnvConfig(base="cart", difficulty="hard", cart_mass=3.0).max_force == pytest.approx(
         0.1 * 9.81 * 5.0
     )

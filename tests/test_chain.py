@@ -178,6 +178,7 @@ def spheres(n, radius, density, **options):
         (two_rods(armature=-1.0), "armature must be zero or more"),
         (two_rods(gear=[6.0, 0.0]), "gear must not be zero"),
         (two_rods(gear=np.nan), "gear must be finite"),
+        (two_rods(gear=[None, 1e31]), r"gear must lie within .*, got \[1e\+31\]"),
         (two_rods(gear=[1.0, 2.0, 3.0]), r"gear must be one number or .* \(2,\)"),
         (two_rods(gear=[np.ones(2), np.ones(1)]), "gear must be a number or a rectangular array"),
         (two_rods(gear=MASKED), "gear must have no masked entries"),

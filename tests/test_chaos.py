@@ -62,6 +62,18 @@ def test_exponents_of_a_damped_chain_add_up_to_the_mean_divergence_of_its_flow(d
     assert found.exponents.sum() == pytest.approx(mean, abs=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["cart", "springs"])
+def test_no_exponent_depends_on_the_unit_of_length(kind):
+    found = []
+    for length in (1.0, 0.01):
+        time = length**0.5
+        parts = {"base": Cart(2.0)} if kind == "cart" else {"stiffness": 200.0 / length}
+        chain = Chain([1.0, 1.0], [length, length], **parts)
+        spectrum = chaos.lyapunov_spectrum(chain, [0.6, 0.4], duration=10.0 * time)
+        found.append(spectrum.exponents * time)
+    np.testing.assert_allclose(*found, atol=1e-6)
+
+
 def test_exponents_upright_and_hanging_are_the_growth_rates_of_the_linear_equations():
     chain = Chain.uniform(2)
     found = chaos.lyapunov_spectrum(chain, np.pi, 0.0, duration=4.0, samples=2)
@@ -484,6 +496,7 @@ def test_wrong_times_and_tangent_vectors_are_refused_by_name(times, vectors, mes
 def test_the_growth_refuses_times_and_shares_outside_its_run():
     growth = chaos.tangent_growth(Chain.uniform(2), [2.0, 2.0], duration=5.0)
     assert growth.rate_after(5.0) == growth.rate_after(float(growth.times[-2]))
+    assert growth.onset(-10.0, share=1.0) == growth.times[0]
     for ask, message in (
         (lambda: growth.onset("a"), "rate must be a real number"),
         (lambda: growth.onset(share=-1.0), "share must be between 0 and 1, got -1"),

@@ -8,7 +8,8 @@ import pytest
 
 from npend_gym import Cart, Chain, pseudo_periods, simulate
 from npend_gym.chain import ChainParameters
-from npend_gym.physics import Ensemble
+from npend_gym.physics import DifferentiableEnsemble, Ensemble
+from npend_gym.physics.kernels.layout import Rod
 from npend_gym.physics.substeps import (
     MAX_PHASE,
     MAX_SUBSTEPS,
@@ -121,6 +122,23 @@ def test_a_member_that_diverges_keeps_its_last_finite_state_until_another_is_set
     assert not many.diverged.any()
 
 
+@pytest.mark.parametrize("size", [1, 3])
+def test_a_cart_may_be_anywhere_at_any_speed_and_diverges_where_it_is_not_finite(size):
+    near, far = (DifferentiableEnsemble(Chain.uniform(2, base=Cart(1.0)), size) for _ in "12")
+    near.set_state(slice(None), 1.0)
+    far.set_state(slice(None), 1.0, cart=([2e5] * size, [3e6] * size))
+    for many in (near, far):
+        many.advance(0.0, 0.05)
+    assert not far.diverged.any()
+    np.testing.assert_array_equal(far.theta, near.theta)
+    np.testing.assert_array_equal(far.step_jacobian(0.0, 0.05).A, near.step_jacobian(0.0, 0.05).A)
+    far._memory.of_base(Rod.OMEGA)[:] = np.inf
+    far.advance(0.0, 0.05)
+    assert far.diverged.all()
+    with pytest.raises(FloatingPointError, match="leave all bounds in the step"):
+        far.step_jacobian(0.0, 0.05)
+
+
 def test_chains_of_members_are_given_as_arrays_of_parameters():
     many = Ensemble(Chain.uniform(2), 4)
     masses = RNG.uniform(0.5, 2.0, (2, 2))
@@ -167,6 +185,13 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
             use()
 
 
+MASKED = np.ma.masked_array([True] * 5, mask=[False, True, False, False, False])
+
+
+def links(**more):
+    return Ensemble(Chain.rods([1.0, 1.0], [1.0, 1.0], **more), 2)
+
+
 def with_parameters(**parameters):
     ensemble().set_chain(0, CHAINS[0].repeated(1)._replace(**parameters))
 
@@ -179,6 +204,7 @@ def with_parameters(**parameters):
         (lambda: Ensemble(CHAINS[0], 2, joints=(3,)), "joint must be between 0 and 2"),
         (lambda: Ensemble(CHAINS[0], 2, joints=(1, 1)), r"must name each joint once, got \[1, 1\]"),
         (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "the same number of rods, got 3 and 2"),
+        (lambda: Ensemble(CHAINS[0], joints=0), r"joints must be a list such as \(0,\), got 0"),
         (lambda: ensemble().set_state([7], 0.1), "members must be indices below 5"),
         (lambda: ensemble().set_state(None, 0.1), "members must be .* in one list, .* got None"),
         (lambda: ensemble().set_state(True, 0.1), "members must be indices"),
@@ -194,7 +220,9 @@ def with_parameters(**parameters):
         (lambda: ensemble().advance(0.0, 0.05, active=[True]), "active must have the shape"),
         (lambda: ensemble().advance(0.0, 0.05, active=[0, 1, 2]), "active must hold True or False"),
         (lambda: ensemble().advance(0.0, 0.05, active=["no"] * 5), "active must hold True or"),
+        (lambda: ensemble().advance(0.0, 0.05, active=MASKED), "active must have no masked"),
         (lambda: ensemble().set_chain(0, Chain.rods([1.0] * 3, [1.0] * 3)), "begin with a chain"),
+        (lambda: links().set_chain(0, Chain.uniform(2, drag=0.5)), "nor links get .* or drag"),
         (lambda: ensemble().set_chain(0, Chain.uniform(2)), "chain must have 3 rigid rods"),
         (lambda: ensemble().set_chain(0, "acrobot"), "chain must be an npend_gym.Chain or"),
         (lambda: with_parameters(masses=np.array([[1.0, np.nan, 1.0]])), "masses must be finite"),
@@ -242,6 +270,15 @@ def test_chains_on_carts_follow_simulate_and_the_work_that_is_done(parts):
         np.testing.assert_array_equal(found[5], alone[0])
     gained = path.energy()[-1] - path.energy()[0]  # of the cart too, in the frame of the rail
     assert gained == pytest.approx(many.work[5], abs=1e-7)
+
+
+def test_point_masses_with_drag_stand_among_links_with_drag():
+    many, chain = links(drag=0.1), Chain.uniform(2, drag=0.5)
+    many.set_chain(0, chain)
+    many.set_state(slice(None), 1.0)
+    many.advance(0.0, 0.5)
+    expected = simulate(chain, 1.0, 0.0, [0.0, 0.5]).theta[-1]
+    np.testing.assert_allclose(many.theta[0], expected, atol=1e-6)
 
 
 @pytest.mark.long

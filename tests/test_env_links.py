@@ -10,7 +10,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from lanes import Own
 
-from npend_gym import Chain, simulate
+from npend_gym import Cart, Chain, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
 
@@ -74,6 +74,9 @@ def test_a_file_that_describes_no_chain_is_refused_by_its_path(tmp_path, monkeyp
         EnvConfig(chain=str(file))
 
 
+POINT_MASSES = {"lengths": 1.0, "centres": 1.0, "inertias": 0.0}  # in place of links
+
+
 @pytest.mark.parametrize(
     ("chain", "options", "message"),
     [
@@ -90,6 +93,14 @@ def test_a_file_that_describes_no_chain_is_refused_by_its_path(tmp_path, monkeyp
             {"masses": 2.0, "drag": 0.1},
             r"options\['drag'\] must not .* nor add friction",
         ),
+        (Chain.acrobot(), POINT_MASSES | {"drag": 0.1}, r"options\['drag'\] must not"),
+        (Chain.acrobot(), POINT_MASSES, None),
+        (Chain.rods([1.0, 1.0], [1.0, 1.0], drag=0.2), POINT_MASSES | {"drag": 0.1}, None),
+        (Chain.rods([1.0, 1.0], [1.0, 1.0], base=Cart(1.0)), POINT_MASSES | {"drag": 0.1}, None),
+        (Chain.uniform(3), {"damping": 100.0}, r"options\['damping'\] .* or with substeps=1280"),
+        (Chain.uniform(3), {"damping": 1e12}, r"options\['damping'\] .* and shorten dt"),
+        (Chain.uniform(3, base=Cart(0.01)), {"damping": 1.0}, r"options\['damping'\] must leave"),
+        (Chain.uniform(3), {"lengths": [0.9, 0.8, 1.0]}, None),
         (Chain.acrobot(), {"centres": 0.0, "lengths": 1.0, "masses": 1.0}, None),
     ],
 )

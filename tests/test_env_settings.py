@@ -130,6 +130,8 @@ REFUSED = [
     ),
     ({"base": "cart", "torque_noise": 0.1}, "torque_noise must be left out where"),
     ({"base": "cart", "actuated": (2,)}, "actuated must be between 0 and 1"),
+    ({"cart_mass": np.ones(2)}, "cart_mass belongs to a cart"),
+    ({"base": "cart", "randomize": {"max_torque": (0.5, 2.0)}}, "leave out 'max_torque' where no"),
     ({"randomize": {"cart_mass": (0.5, 2.0)}}, "randomize must have keys among"),
     ({"base": "cart", "randomize": {"cart_mass": {"low": 0.0, "high": 1.0}}}, "cart_mass"),
     # motors
@@ -177,6 +179,9 @@ OF_A_WRONG_TYPE = [
     ({"observe_context": "yes"}, OBSERVED),
     ({"observe_context": None}, OBSERVED),
     ({"chain": 3}, "chain must be an npend_gym.Chain, a dict .*; got 3"),
+    ({"chain": "acrobot", "n": 2.0}, "n must be an integer, got 2.0"),
+    ({"chain": Chain.uniform(1), "n": True}, "n must be an integer, got True"),
+    ({"chain": "acrobot", "n": np.array([2, 2])}, "n must be an integer, got array"),
     ({"difficulty": ["easy"]}, r"difficulty must be a real number, got \['easy'\]"),
     ({"torque_levels": 2.0}, "torque_levels must be an integer, got 2.0"),
 ]
@@ -210,6 +215,8 @@ def test_a_start_on_an_instance_of_a_mode_of_ones_own_is_used():
     ("start", "message"),
     [
         (([np.nan, 0.0], 0.0), "the angles of mode.start must be finite"),
+        ((2e5, 0.0), "the angles of mode.start must lie within"),
+        ((0.0, 2e6), "the velocities of mode.start must lie within"),
         ((np.zeros(3), 0.0), r"the angles of mode.start must be .*\(2,\), got shape \(3,\)"),
         (np.zeros(2), r"start of mode 'patient' must .*two arrays of shape \(2,\).*got array"),
         (([0.0, 0.0], 0.0, 0.0), r"start of mode .*; got \(\[0.0, 0.0\], 0.0, 0.0\)"),

@@ -52,6 +52,14 @@ def test_flips_depend_on_no_neighbour_and_no_threads():
     assert flip_times(DOUBLE, [4.0, 0.0], duration=3.0) == 0.0
 
 
+def test_a_map_within_a_half_turn_releases_from_its_axes(tmp_path):
+    plan = FlipMap(size=12, width=6.0, duration=3.0)
+    first, second = plan.axes()
+    starts = np.stack(np.broadcast_arrays(first, second[:, None]), axis=-1)
+    expected = flip_times(plan.chain, starts, duration=3.0, rtol=plan.rtol)
+    np.testing.assert_array_equal(plan.run(tmp_path), expected)
+
+
 def test_the_command_draws_the_map_with_axes_and_a_scale(tmp_path, capsys):
     image = pytest.importorskip("matplotlib.image")
     arguments = ["chaos", "map", "--size", "20", "--duration", "2", "--out", str(tmp_path / "a")]

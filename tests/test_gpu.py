@@ -112,29 +112,39 @@ report({
 """
 
 
-# Chains made with long rods and advanced with parameters of short ones, which need more substeps
+# Chains made with long rods and advanced with parameters of short ones, which need more substeps;
+# and links that get drag
 GIVEN = """
 from npend_gym.physics import DeviceChains, Ensemble
 
-short = Chain([1.0, 0.5], [0.02, 0.03], damping=1e-4)
-many, on_gpu = Ensemble(short, 2), DeviceChains(Chain.uniform(2), 2)
-many.set_state(slice(None), 0.7)
-many.advance(0.0, 0.05)
-put = on_gpu.cuda.to_device
-torque, lost, differences = put(np.zeros((2, 2))), put(np.zeros(2)), []
-for count in (1, 2):
-    theta, omega = put(np.full((2, 2), 0.7)), put(np.zeros((2, 2)))
-    rows = put(short.repeated(count).stacked())
+differences = []
+
+def compare(chain, made_of, count):
+    n = chain.n
+    drag = not np.array_equal(chain.drag, made_of.drag)
+    many, on_gpu = Ensemble(chain, 2), DeviceChains(made_of, 2, drag=drag)
+    many.set_state(slice(None), 0.7)
+    many.advance(0.0, 0.05)
+    put = on_gpu.cuda.to_device
+    torque, lost = put(np.zeros((2, n))), put(np.zeros(2))
+    theta, omega = put(np.full((2, n), 0.7)), put(np.zeros((2, n)))
+    rows = put(chain.repeated(count).stacked())
     on_gpu.advance(theta, omega, torque, lost, 0.05, parameters=rows)
     pairs = (theta, many.theta), (omega, many.omega)
-    differences += [int(np.sum(ours.copy_to_host() != theirs)) for ours, theirs in pairs]
+    differences.extend(int(np.sum(ours.copy_to_host() != theirs)) for ours, theirs in pairs)
+
+short = Chain([1.0, 0.5], [0.02, 0.03], damping=1e-4)
+for count in (1, 2):
+    compare(short, Chain.uniform(2), count)
+for n in (2, 9):
+    compare(*(Chain.rods(np.ones(n), np.ones(n), drag=drag) for drag in (0.5, 0.0)), 1)
 print(json.dumps(differences))
 """
 
 
 @pytest.mark.long
-def test_default_substeps_are_those_of_the_parameters_that_a_step_is_given(found):
-    assert found["given"] == [0, 0, 0, 0]
+def test_substeps_and_drag_are_those_of_the_parameters_that_a_step_is_given(found):
+    assert found["given"] == [0] * 8
 
 
 @pytest.mark.long
@@ -152,7 +162,7 @@ def test_chains_on_a_gpu_have_the_bits_of_the_processor():
     found = "from numba import cuda; print('true' if cuda.is_available() else 'false')"
     if not on_gpu(found):
         pytest.skip("no GPU")
-    assert on_gpu(GIVEN) == [0, 0, 0, 0]
+    assert on_gpu(GIVEN) == [0] * 8
     assert set(on_gpu(COMPARE + POINT_MASSES).values()) == {0}
     assert set(on_gpu(COMPARE + BODIES).values()) == {0}
     assert set(on_gpu(GRADIENTS + OF_POINT_MASSES).values()) == {0}
@@ -165,10 +175,10 @@ from npend_gym.physics import DifferentiableDeviceChains, DifferentiableEnsemble
 
 RNG = np.random.default_rng(9)
 
-def differences(chain, size, substeps, names=()):
+def differences(chain, size, substeps, names=(), made_of=None):
     n, spin = chain.n, 1.0 if substeps else 12.0
     ours = DifferentiableEnsemble(chain, size, joints=range(n))
-    theirs = DifferentiableDeviceChains(chain, size)
+    theirs = DifferentiableDeviceChains(made_of or chain, size, drag=made_of is not None)
     theta, omega, torque, theta_bar, omega_bar = RNG.normal(size=(5, size, n))
     ours.set_state(slice(None), theta, spin * omega)
     found = ours.step_vjp(
@@ -179,7 +189,8 @@ def differences(chain, size, substeps, names=()):
     bars = [put(array) for array in (theta_bar, omega_bar, np.zeros((size, n)))]
     by_parameters = put(np.zeros((size, 12, n)))
     flags, more = put(np.zeros(size)), [by_parameters] if names else []
-    theirs.step_vjp(*state, [*bars, *more], flags, 0.07, substeps)
+    given = None if made_of is None else put(chain.repeated(1).stacked())
+    theirs.step_vjp(*state, [*bars, *more], flags, 0.07, substeps, parameters=given)
     assert not np.any(flags.copy_to_host()) and np.all(found.by_torque)
     pairs = list(zip(found[2:5], (bar.copy_to_host() for bar in bars)))
     if names:
@@ -201,8 +212,10 @@ report({
 OF_BODIES = """
 simple = "masses", "lengths", "gravity", "damping", "centres", "inertias"
 everything = *simple, "drag", "quadratic_drag", "friction", "friction_speed", "armature", "gear"
+links = [Chain.rods([1.0, 0.5], [1.0, 0.7], drag=drag) for drag in (0.0, 0.1)]
 report({
-    "links": (Chain.rods([1.0, 0.5], [1.0, 0.7]), 2, 2, simple),
+    "links": (links[0], 2, 2, simple),
+    "links that get drag": (links[1], 2, 2, everything, links[0]),
     "machine": (Chain.realaigym("C.1"), 2, 2, everything),
 })
 """
@@ -350,7 +363,7 @@ def test_kernels_compile_for_a_gpu_without_one_and_fuse_no_product_with_a_sum():
 
 
 ERRORS = """
-from npend_gym.physics import DeviceChains
+from npend_gym.physics import DeviceChains, simulate_on_device
 
 chains, state = DeviceChains(Chain.uniform(2), 3), [np.zeros((3, 2)) for _ in range(3)]
 flags, messages = np.zeros(3), []
@@ -360,6 +373,7 @@ for call in (
     lambda: chains.advance(*state, flags, -0.1), lambda: chains.advance(*state, flags, 0.1, 0),
     lambda: chains.advance(*state, flags, 0.1, parameters=[1]),
     lambda: DeviceChains(Chain.uniform(2), 3, dtype="float16"),
+    lambda: simulate_on_device(Chain.uniform(2), np.zeros((0, 2)), 0.0, [0.0, 1.0], dt=0.1),
 ):
     try:
         call()
@@ -371,13 +385,14 @@ print(json.dumps(messages))
 
 @pytest.mark.long
 def test_arrays_that_do_not_fit_are_refused_by_name(found):
-    torque, diverged, dt, substeps, parameters, dtype = found["errors"]
+    torque, diverged, dt, substeps, parameters, dtype, starts = found["errors"]
     assert torque == "torque must have the shape (3, 2), got (3, 1)"
     assert diverged == "diverged must be of dtype float64, got int64"
     assert dt.startswith("dt must be")
     assert substeps.startswith("substeps must be")
     assert parameters.startswith("parameters must be an array on the GPU")
     assert dtype.startswith("dtype must be")
+    assert starts.startswith("theta, omega and torque must hold one state or more")
 
 
 @pytest.mark.skipif(HAS_NUMBA_CUDA, reason="numba-cuda is installed")
@@ -484,14 +499,18 @@ try:
     step(Chain.uniform(2), fast * 0.0, fast, dt=1.0, substeps=1)
 except DivergedError as error:
     lanes = error.lanes
-print(json.dumps([sum(int((a != b).sum()) for a, b in pairs), len(pairs), lanes]))
+try:
+    step(Chain.acrobot(), fast * 0.0, parameters={"friction": fast / 1e7}, dt=0.1)
+except ValueError as error:
+    refused = "nor links get friction" in str(error)
+print(json.dumps([sum(int((a != b).sum()) for a, b in pairs), len(pairs), lanes, refused]))
 """
 
 
 @pytest.mark.long
 def test_tensors_on_a_gpu_have_values_and_gradients_with_the_bits_of_the_processor():
     pytest.importorskip("torch")
-    assert simulated(OF_TENSORS) == [0, 2 + 7 + 3, [0, 1]]
+    assert simulated(OF_TENSORS) == [0, 2 + 7 + 3, [0, 1], True]
 
 
 @pytest.mark.skipif(HAS_NUMBA_CUDA, reason="numba-cuda is installed")

@@ -74,6 +74,23 @@ def test_other_autoreset_modes_are_refused():
         SB3VecEnv(gym.make_vec("CartPole-v1", 2, vectorization_mode="sync"))
 
 
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_options_are_those_of_every_environment_where_all_get_the_same(mode):
+    class Told(gym.Wrapper):
+        def reset(self, *, seed=None, options=None):
+            observation, info = self.env.reset(seed=seed)
+            return observation, info | {"told": np.shape(options["at"])}
+
+    venv = adapted(mode=mode, wrappers=[Told])
+    venv.set_options([{"at": np.array([1.0, 2.0])} for _ in range(COUNT)])
+    venv.reset()
+    assert np.ravel(venv.reset_infos[1]["told"]).tolist() == [2]
+    venv.set_options([{"at": k} for k in range(COUNT)])
+    with pytest.raises(ValueError, match=r"options\['at'\] must be the same for every env"):
+        venv.reset()
+    venv.close()
+
+
 def test_infos_that_a_wrapper_makes_lists_are_refused_by_its_name():
     from gymnasium.wrappers.vector import DictInfoToList
 

@@ -167,6 +167,15 @@ def test_the_mean_squared_action_is_that_of_the_clipped_command():
 # -- sensors --------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("motors", "error"), [(10**6, ValueError), (-1, ValueError), (1.0, TypeError)]
+)
+def test_noise_is_kept_to_motors_that_there_are(motors, error):
+    envs = NPendulumVectorEnv(2, n=2, actuated=(0, 1), torque_noise=0.3)
+    with pytest.raises(error, match="motors must be"):
+        envs.keep_noise_to(motors)
+
+
 @pytest.mark.parametrize("observation", ["angles", "sincos"])
 def test_a_delay_in_whole_steps_shows_what_was_shown_without(observation):
     keywords = {"n": 2, "mode": "swingup", "observation": observation}

@@ -177,7 +177,7 @@ NO_OPTIONS = (
     3, "x", [1], np.ones(2), {"nope": 1}, {"theta": np.nan}, {"theta": "up"}, {"masses": -1.0},
     {"omega": 1e9}, {"persist": 2}, {1: 2}, {"reset_mask": 1}, {"gravity": None}, {"start": 0.5},
     {"reset_mask": [True] * 3}, {"reset_mask": np.ones(2, bool)}, {"reset_mask": np.zeros(3, bool)},
-    {"theta": [0.1] * 4},
+    {"theta": [0.1] * 4}, {"reset_mask": np.ma.array([True] * 3, mask=[True, False, False])},
 )  # fmt: skip
 # Of two motors
 NO_ACTIONS = (
@@ -205,6 +205,8 @@ def refused_after_reset(env):
     """Further ones, which are refused for another reason before the first reset."""
     no_actions = NO_ACTIONS_OF_ONE if env.action_space.shape[-1:] == (1,) else NO_ACTIONS
     yield from (("action", partial(env.step, bad)) for bad in no_actions)
+    masked = np.ma.array(0 * env.action_space.sample(), mask=True)
+    yield "action", partial(env.step, masked)
     if isinstance(env, NPendulumVectorEnv):  # beside good actions of other lanes
         good = 0 * env.action_space.sample()[1:]
         yield from (("action", partial(env.step, [bad, *good])) for bad in no_actions)

@@ -152,7 +152,10 @@ def test_after_an_error_in_a_users_mode_a_reset_is_needed_and_options_persist(ve
 def test_after_an_error_noise_is_kept_to_the_same_motors():
     mode = Moody()
     envs = NPendulumVectorEnv(2, n=2, actuated=(0, 1), mode=mode, torque_noise=0.3)
+    envs.reset(seed=0)
+    assert np.all(envs.step(np.zeros((2, 2)))[-1]["torque"] != 0.0)
     envs.keep_noise_to(1)
+    assert np.all(envs.step(np.zeros((2, 2)))[-1]["torque"][:, 1] == 0.0)
     for mode.broken in (False, True, False):
         envs.reset(seed=0)
         with pytest.raises(ZeroDivisionError) if mode.broken else nullcontext():

@@ -228,6 +228,11 @@ RANGES = {
         {"inertias": {"low": 1e-4, "high": 2.0}, "masses": WIDE,
          "centres": {"low": 0.01, "high": 1.0}},
     ),
+    "drag": (
+        {"inertias": 0.1, "drag": 2.0},
+        {"inertias": {"low": 1e-3, "high": 0.1}, "centres": {"low": 0.01, "high": 0.2},
+         "lengths": {"low": 0.2, "high": 1.0}},
+    ),
     "rotors": (
         {"armature": 0.1, "inertias": 0.1, "masses": 0.1},
         {"armature": (0.01, 20.0), "damping": {"low": 0.0, "high": 2.0}},
@@ -293,6 +298,15 @@ def test_the_energy_of_the_fastest_chains_is_kept():
         ({"friction_speed": (0.0, 1.0)}, ValueError, r"\['friction_speed'\] must be greater than"),
         ({"centres": {"low": -0.1, "high": 0.9}}, ValueError, r"\['centres'\] must keep the cen"),
         ({"centres": {"low": -2.0, "high": -0.1}}, ValueError, "centres must put the chain's cent"),
+        (  # standing where all are light, or all heavy, but not where the second is light
+            {
+                "masses": {"low": 0.1, "high": 10.0},
+                "inertias": {"low": 0.1, "high": 0.2},
+                "centres": {"low": [-0.5, 0.4], "high": 0.5},
+            },
+            ValueError,
+            "centres must put the chain's cent",
+        ),
         (
             {"ripple_cycles": {"low": 1, "high": 9}},
             ValueError,
@@ -320,6 +334,13 @@ def test_a_reset_that_is_refused_changes_nothing(options):
     actions = actions_for(envs, 10)
     for action in actions:
         assert_same(envs.step(action), twins.step(action))
+
+
+def test_options_that_let_a_chain_be_drawn_higher_hanging_are_refused():
+    chain = Chain([1.0, 1.0], [1.0, 1.0], centres=[-0.1, 0.5], inertias=0.1)
+    env = gym.make("NPendulum-v0", chain=chain, randomize={"masses": (0.5, 2.0)})
+    with pytest.raises(ValueError, match="centres must put the chain's centre of mass higher"):
+        env.reset(options={"centres": [-0.6, 0.5]})  # of the chain as made a good one
 
 
 # -- evaluations ------------------------------------------------------------------------------

@@ -120,6 +120,11 @@ def test_the_torque_that_the_motor_exerts_is_recorded(keywords, action, expected
     np.testing.assert_allclose(recording.torque, expected, atol=1e-12)
 
 
+def test_an_action_that_is_no_integer_is_none_of_an_episode_that_is_recorded():
+    with pytest.raises(TypeError, match="action must hold integers"):
+        record_episode(lambda *_: np.array([0.9]), {"n": 1, "torque_levels": 3}, seconds=0.1)
+
+
 def test_an_episode_that_fails_ends_the_recording():
     def idle(_observation, _info):
         return np.zeros((1, 1))
@@ -157,6 +162,11 @@ def simulated(theta=0.5, omega=0.0, **more):
 def test_what_cannot_be_recorded_is_refused(record, change, message):
     with pytest.raises(ValueError, match=message):
         record(**change)
+
+
+def test_a_recording_needs_an_interval():
+    with pytest.raises(ValueError, match="intervals must be one or more"):
+        record_simulation(Chain.uniform(1), 0.5, 0.0, 1.0)
 
 
 def test_a_pseudo_period_is_nan_where_the_recording_ends_before_it():

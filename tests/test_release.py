@@ -226,6 +226,15 @@ def test_models_are_of_the_releases_that_completed():
     assert row["corrected_error"] < 1e-4
 
 
+def test_the_spread_of_bobs_is_of_the_releases_in_which_some_completed():
+    plan = ReleaseExperiment(n_values=[2], trials=6, duration=2.6, amplitude=0.3, spread=0.6)
+    runs = run_release(plan)
+    some = [one for run in runs if (one := run.periods[np.isfinite(run.periods)]).size]
+    assert len(some) < 6
+    (row,) = summary_rows(plan, runs)
+    assert row["bob_spread_s"] == pytest.approx(np.mean([one.std() for one in some]))
+
+
 def test_commands_that_write_into_one_folder_at_once_do_not_fail(tmp_path):
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(prepare_folder, [tmp_path] * 400))

@@ -105,15 +105,26 @@ def test_a_scale_moves_the_return_to_a_height():
     assert run.periods[0] == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_scale_is_that_of_the_height_above_where_springs_hang():
-    chain = Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0, axial_damping=0.5)
-    times = 1e-3 * np.arange(2000.0)
+@pytest.mark.parametrize(
+    ("chain", "rest"),
+    [
+        (Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0, axial_damping=0.5), 0.0),
+        (Chain([1.0], [1.0], centres=[-0.5], inertias=0.1), np.pi),
+    ],
+    ids=["springs", "a link that rests upright"],
+)
+def test_a_scale_is_that_of_the_height_above_rest(chain, rest):
+    times = 1e-3 * np.arange(4000.0)
     height = simulate(chain, A, 0.0, times).positions()[..., 1]
-    hanging = simulate(chain, 0.0, 0.0, [0.0, 1.0]).positions()[-1, :, 1]
-    shown = 1.2 * (height - hanging) + hanging - height[0]
-    back = [next(t for t, way in crossings(times, one, 1e-9) if way > 0.0) for one in shown.T]
+    ways = np.sign(height[0] - height[9])  # a bob that first rises is back on its way down
+    resting = simulate(chain, rest, 0.0, [0.0, 1.0]).positions()[-1, :, 1]
+    shown = 1.2 * (height - resting) + resting - height[0]
+    back = [
+        next(t for t, way in crossings(times, one, 1e-9) if way == wanted)
+        for one, wanted in zip(shown.T, ways, strict=True)
+    ]
     keywords = {"reading": "height", "sensor_interval": 1e-3, "sensor_scale": 1.2}
-    run = sensed(2, chain=chain, duration=1.999, **keywords)
+    run = sensed(chain.n, chain=chain, duration=3.999, **keywords)
     np.testing.assert_allclose(run.periods, back, rtol=1e-9)
 
 

@@ -219,6 +219,7 @@ def test_a_scene_keeps_its_own_positions():
         ({"torque": 1.5}, "torque must be between -1 and 1"),
         ({"push": -1.1}, "push must be between -1 and 1"),
         ({"caption": "two\nlines"}, "caption must be one printable line"),
+        ({"caption": 5}, "caption must be one printable line, got 5"),
         ({"trace": [[1.0, 2.0, 3.0]]}, "trace must have shape"),
         ({"centres": [[0.0, 1.0]] * 2}, "centres must have a place for each of the 1 links"),
         ({"joint": 1}, "joint must be between 0 and 0"),

@@ -473,6 +473,8 @@ def test_an_environment_lasts_as_long_as_its_shortest_time_limit():
     np.testing.assert_array_equal(found, expected)
     with pytest.raises(ValueError, match=r"got None: give .* gymnasium\.wrappers\.TimeLimit"):
         rl.evaluate(constant(1.0), bare, episodes=2)
+    with pytest.raises(ValueError, match="max_episode_steps must be a number"):
+        rl.evaluate(constant(1.0), native(n=1, max_episode_steps=None), episodes=2)
 
 
 class Logged(gym.Wrapper):
@@ -616,6 +618,25 @@ def test_a_model_becomes_a_policy_of_its_own_environment_alone():
         rl.Policy.from_sb3(model, {"n": 1, "observation": "sincos"})
     with pytest.raises(ValueError, match="env must be that of the model, with 3 observed"):
         rl.Policy.from_sb3(model, {"n": 2, "observation": "sincos"})
+    model.action_space = gym.spaces.Box(-3.0, 3.0, (1,))
+    with pytest.raises(ValueError, match=r"actions from array\(\[-3.\]"):
+        rl.Policy.from_sb3(model)
+
+
+def test_a_model_becomes_a_policy_behind_the_wrappers_of_the_environment_that_is_given():
+    from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
+
+    model = trained("PPO", normalize=True)
+    env = VecNormalize(rl.SB3VecEnv(native(**SWING)))
+    with pytest.raises(ValueError, match="must have the statistics of its observations"):
+        rl.Policy.from_sb3(model, env)
+    env.obs_rms.mean, env.obs_rms.var, env.obs_rms.count = np.ones(3), np.full(3, 4.0), 9.0
+    seen = random_observations(model)
+    expected = model.predict(env.normalize_obs(seen), deterministic=True)[0]
+    found = rl.Policy.from_sb3(model, env)(seen)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-6)
+    with pytest.raises(ValueError, match="VecNormalize alone, got VecFrameStack"):
+        rl.Policy.from_sb3(model, VecFrameStack(env, 2))
 
 
 def test_options_of_all_lanes_may_be_one_number():

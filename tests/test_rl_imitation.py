@@ -344,6 +344,33 @@ def test_pulses_push_a_chain_that_hangs_and_nothing_else_does():
     lanes.close()
 
 
+@pytest.mark.parametrize(
+    "ends", [{"low": 4.99, "high": 5.01}, {"low": [4.99], "high": [5.01]}, (0.998, 1.002)]
+)
+def test_motors_whose_limit_is_drawn_have_all_of_it_where_pulses_push(ends):
+    setting = setting_of({"n": 1, "max_torque": 5.0, "randomize": {"max_torque": ends}})
+    lanes = ErrorLanes(setting, 2, {"pushes": 1.0}, 50)
+    lanes.levels[:] = 0.0
+    lanes.reset(0, [], np.random.default_rng(0))
+    *_, info = lanes.step(np.ones((2, 1)))
+    np.testing.assert_allclose(info["torque"], 5.0, rtol=0.003)
+    lanes.close()
+
+
+def test_an_episode_after_one_that_left_its_rail_is_between_the_same_equilibria():
+    cart = {"mode": "transition", "base": "cart", "rail": 0.3, "observation": "sincos"}
+    lanes = ErrorLanes(setting_of(cart | {"n": 2}), 16, {"nothing": 1.0}, 100)
+    goal, ended = np.pi * (np.arange(32).reshape(16, 2) % 3 == 0), np.zeros(16, bool)
+    starts = {"start": np.pi - goal, "goal": goal}
+    lanes.reset(0, [], np.random.default_rng(0), starts)
+    for _ in range(100):
+        _, _, terminated, info = lanes.step(np.ones((16, 1)))
+        ended |= terminated
+        np.testing.assert_array_equal(info["goal"], goal)
+    assert ended.all()
+    lanes.close()
+
+
 def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
     lanes = ErrorLanes(setting_of(TWO), 48, dict.fromkeys(SHARES, 1.0), 100, first_level=0.4)
     noise, delay, pushes = (lanes.names.index(k) for k in ("velocity_noise", "delay", "pushes"))
@@ -461,6 +488,25 @@ def test_what_is_wrong_follows_from_the_task():
     assert imitation.settings_of("balance-2-robust").errors == ERRORS
     with pytest.raises(ValueError, match='rescuer must be left out in mode "transition"'):
         imitation.train(imitation.settings_of("transition-2", rescuer="mpc"))
+
+
+@pytest.mark.parametrize(
+    ("task", "rescuer"),
+    [
+        ("swingup-1", "no.safetensors"), ("swingup-1", "swingup-2"), ("swingup-2", "transition-2"),
+        ("swingup-2", "swingup-2-acrobot"), ("swingup-2", "swingup-2-cart"),
+        ("swingup-2", "swingup-2-robust"),
+    ],
+)  # fmt: skip
+def test_a_rescuer_that_does_not_fit_is_refused_before_anything_is_planned(
+    task, rescuer, monkeypatch
+):
+    monkeypatch.delattr(imitation, "begin")
+    with pytest.raises(ValueError, match=r"(rescuer|policy) must be a"):
+        imitation.train(imitation.settings_of(task, rescuer=rescuer))
+    for fitting in ("swingup-2-robust", "swingup-2-acrobot-robust", "swingup-2-pendubot-robust"):
+        with pytest.raises(NameError):
+            imitation.train(imitation.settings_of(fitting))
     for name in ("student_fraction", "kept"):
         with pytest.raises(ValueError, match=f"{name} must be"):
             imitation.train(imitation.settings_of("swingup-1", **{name: 0.0}))

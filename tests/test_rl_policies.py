@@ -25,10 +25,33 @@ from npend_gym.rl.training.tasks import env_of_task
     ({"offset": np.zeros(5)}, r"offset must have the shape of scale, \(6,\), got \(5,\)"),
     ({"env": {"n": 1, "observation": "sincos"}}, "observes 3 numbers .* policy is for 6 and 1"),
     ({"env": {"n": 2, "actuated": [0, 1], "observation": "sincos"}}, "2 motors"),
+    ({"env": "swingup"}, "env must be a dict, got 'swingup'"),
+    ({"provenance": None}, "provenance must be a dict, got None"),
+    ({"scale": None}, "scale must be an array of numbers, got None"),
+    ({"offset": "0"}, "offset must be an array of numbers, got '0'"),
+    ({"weights": 3}, "weights must be a list such as"),
+    ({"biases": [[0.0], [0.0], [[0.0], [1.0, 2.0]]]}, r"biases\[2\] must be an array of numbers"),
 ])  # fmt: skip
 def test_a_network_that_no_file_could_hold_is_refused_at_once(given, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         replace(small_policy(), **given)
+
+
+@pytest.mark.parametrize("kind", [list, tuple])
+def test_lists_and_tuples_stand_for_arrays(kind):
+    policy = small_policy()
+    numbers = {name: kind(getattr(policy, name)) for name in ("weights", "biases")}
+    lists = {name: kind(each.tolist() for each in value) for name, value in numbers.items()}
+    assert replace(policy, scale=kind(policy.scale.tolist()), **lists) == policy
+
+
+def test_nothing_else_changes_the_numbers_of_a_policy():
+    scale, policy = np.full(6, 2.0, np.float32), small_policy()
+    own = replace(policy, scale=scale)
+    scale[:] = 5.0
+    assert own == policy
+    with pytest.raises(ValueError, match="read-only"):
+        own.weights[0][:] = 0.0
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

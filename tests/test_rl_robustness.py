@@ -1,6 +1,7 @@
 """The protocol of robustness: what it changes, what it hides, and whom it lets survive."""
 
 import json
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -216,6 +217,31 @@ def test_the_figure_shows_every_share_and_every_value(nominal):
     assert "angle noise, 0 to 0.02 rad" in labels
 
 
+def test_the_result_of_arguments_of_numpy_can_be_written_as_json():
+    counts = {"seed": np.int64(3), "values": np.int32(2), "repetitions": np.int64(1)}
+    criteria = {"lag": Criterion(0.02, lambda _, value: {"motor_lag": value})}
+    found = robustness(Recorder(), TWO, criteria=criteria, seconds=np.float32(0.5), **counts)
+    about = json.loads(json.dumps(found.as_dict()))["provenance"]
+    assert (about["seed"], about["arguments"]["values"]) == (3, 2)
+
+
+@pytest.mark.parametrize(
+    ("own", "text"),
+    [
+        (
+            {"mode": "transition", "goal_env": True, "reward_type": "sparse"},
+            "goal_env must be False",
+        ),
+        ({"randomize": {"masses": (0.9, 1.1)}, "observe_context": True}, "observe_context must be"),
+    ],
+)
+def test_what_the_protocol_does_not_fit_is_refused_in_the_keywords_of_an_id(own, text, monkeypatch):
+    spec = gym.spec("NPendulum-v0")
+    monkeypatch.setitem(gym.registry, "Own-v0", replace(spec, id="Own-v0", kwargs=TWO | own))
+    with pytest.raises(ValueError, match=text):
+        robustness(Recorder(), "Own-v0")
+
+
 def test_progress_may_be_shown():
     shown = []
     robustness(
@@ -259,6 +285,10 @@ def test_a_cart_that_no_force_moves_is_pushed_at_its_joints():
             {"criteria": {"x": Criterion(0.0, lambda _, value: {"torque_noise": value})}},
             r"criteria must have one that fits this environment, got \['x'",
         ),
+        *(
+            ({}, {"criteria": {"x": Criterion(end, lambda _, x: {"motor_lag": x})}}, "largest must")
+            for end in (-1.0, np.nan)
+        ),
     ],
 )
 def test_what_the_protocol_does_not_fit_is_refused(changed, arguments, text):
@@ -293,6 +323,13 @@ def test_a_criterion_of_ones_own_is_tried_beside_the_others_or_alone(nominal):
     assert beside.score == nominal[1].score
 
 
+def test_the_chains_of_small_machines_may_need_more_substeps_than_their_own():
+    small = {"n": 2, "mode": "balance", "masses": 0.1, "lengths": 0.1}
+    arguments = {"values": 2, "repetitions": 1, "seconds": 0.1}
+    result = robustness(Recorder(), small, criteria={"model": CRITERIA["model"]}, **arguments)
+    assert {"damping[0]", "damping[1]"} <= set(result.outcomes["model"].parameters)
+
+
 def test_randomized_chains_can_be_a_criterion_and_one_may_depend_on_the_environment():
     masses = Criterion(0.5, lambda _, x: {"randomize": {"masses": (1.0 - x, 1.0 + x)}}, noise=True)
     held = Criterion(lambda config: config.max_torque, lambda _, x: {"torque_noise": x}, "N m")
@@ -321,7 +358,7 @@ def test_a_policy_that_was_trained_with_errors_survives_what_the_results_say(nam
 
 def test_pushes_that_are_drawn_are_left_out_of_the_scores():
     keywords = {"n": 1, "mode": "balance", "observation": "sincos"}
-    pushed = {"push_rate": 1.0, "randomize": {"push_force": (0.0, 1.0)}}
+    pushed = {"push_rate": 1.0, "randomize": {"push_force": {"low": 0.0, "high": 1.0}}}
     controller = lqr(EnvConfig(**keywords))
     found, expected = (
         robustness(controller, keywords | more, criteria={"delay": CRITERIA["delay"]}, values=3)

@@ -2,6 +2,7 @@
 
 import csv
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -309,11 +310,21 @@ def test_an_episode_is_judged_alike_whatever_runs_beside_it():
         assert getattr(many, name)[0] == getattr(alone, name)[0]
 
 
-def test_judges_choose_for_themselves_how_environments_are_run():
+def test_judges_choose_for_themselves_how_environments_are_run(monkeypatch):
     policy = Policy.pretrained("swingup-1")
     chosen = policy.env | {"autoreset_mode": "SAME_STEP", "num_envs": 3}
     assert evaluate(policy, chosen, episodes=5).success_rate == 1.0
     assert performance(policy, chosen, episodes=2).success.all()
+    entry = {"vector_entry_point": "npend_gym:NPendulumVectorEnv", "max_episode_steps": 300}
+    spec = gym.envs.registration.EnvSpec("Chosen-v0", kwargs=chosen, **entry)
+    monkeypatch.setitem(gym.registry, "Chosen-v0", spec)
+    for env in ("Chosen-v0", spec, "npend_gym:Chosen-v0"):
+        assert evaluate(policy, env, episodes=5).success_rate == 1.0
+    resets_at_once = partial(npend_gym.NPendulumVectorEnv, autoreset_mode="SAME_STEP")
+    own = gym.envs.registration.EnvSpec("Own-v0", vector_entry_point=resets_at_once)
+    monkeypatch.setitem(gym.registry, "Own-v0", own)
+    with pytest.raises(ValueError, match=r"autoreset mode NEXT_STEP, got .*SAME_STEP"):
+        evaluate(policy, policy.env | {"id": "Own-v0", "max_episode_steps": 300}, episodes=5)
 
 
 def test_environments_are_closed_after_an_error_of_the_controller():

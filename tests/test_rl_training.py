@@ -132,8 +132,13 @@ def test_words_at_the_end_of_a_task_combine():
 
 
 @pytest.mark.parametrize(
-    "task", ["swingup-0-cart", "swingup-x-cart", "swing-1-cart", "calm-1-rail", "calm-1-cart-x"]
-)
+    "task",
+    [
+        "swingup-0-cart", "swingup-x-cart", "swing-1-cart", "calm-1-rail", "calm-1-cart-x",
+        "swingup-02", "swingup-\u0662", "swingup-2-pendubot-acrobot", "swingup-2-cart-pendubot",
+        "swingup-2-robust-acrobot", "swingup-2-robust-robust", "swingup-2-",
+    ],
+)  # fmt: skip
 def test_what_names_no_task_on_a_cart_is_refused(task):
     with pytest.raises(ValueError, match="must be"):
         EnvConfig(**env_of_task(task))
@@ -243,6 +248,10 @@ def test_training_around_an_identified_chain_draws_within_two_standard_errors(tm
     assert env["randomize"]["damping"]["low"] == pytest.approx([0.0, 0.0006])
     assert env["randomize"]["centres"]["high"] == pytest.approx([0.22, 0.15])
     assert EnvConfig(mode="swingup", **env).n == 2
+    about["chain_standard_errors"] = {"masses": [0.1, 0.3]}
+    (tmp_path / "identification.json").write_text(json.dumps(about), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"masses too uncertain .*\[0.1, 0.3\]: the low end of m"):
+        env_around(tmp_path / "fit.json")
     (tmp_path / "identification.json").unlink()
     with pytest.raises(ValueError, match=r"what npend identify --out wrote"):
         env_around(tmp_path / "fit.json")

@@ -279,9 +279,14 @@ def test_motions_without_derivatives_are_refused_by_name():
     many = simulate(chain, [[1.0, 0.5], [0.5, 1.0]], 0.0, TIMES)
     with pytest.raises(ValueError, match=r"those of one motion, got 2: take trajectory\[k\]"):
         many.sensitivities()
-    fed_back = simulate(chain, 1.0, 0.5, TIMES, torque=lambda _t, _theta, omega: -0.1 * omega)
-    with pytest.raises(ValueError, match="torque must depend on time alone"):
-        fed_back.sensitivities()
+    for torque in (
+        lambda _t, _theta, omega: -0.1 * omega,
+        lambda t, theta, _omega: 1.0 if t < TIMES[1] else -theta[0],
+    ):
+        fed_back = simulate(chain, 1.0, 0.5, TIMES, torque=torque)
+        for derive in (fed_back.sensitivities, lambda made=fed_back: made.gradient(1.0, 0.0)):
+            with pytest.raises(ValueError, match="torque must depend on time alone"):
+                derive()
     ended = simulate(chain, 1.0, 0.0, TIMES, events=Event("angle", 0, value=0.9, terminal=True))
     assert ended.status == 1
     with pytest.raises(ValueError, match="an event ended it"):
@@ -308,6 +313,8 @@ def test_motions_without_derivatives_are_refused_by_name():
         made.sensitivities(joints=[2])
     with pytest.raises(ValueError, match="theta_bar must"):
         made.gradient(np.zeros(3), 0.0)
+    with pytest.raises(ValueError, match="theta_bar must be a number or a rectangular array"):
+        made.gradient([[1.0], [1.0, 2.0]], 0.0)
     wild = simulate(Chain.uniform(5), 2.0, 0.0, np.linspace(0.0, 400.0, 5), rtol=1e-6)
     with pytest.raises(FloatingPointError, match=r"beyond all bounds until t = \d+\.?\d* s"):
         wild.sensitivities()

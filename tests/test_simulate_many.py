@@ -88,6 +88,20 @@ def test_chains_may_differ_and_motions_and_energies_are_those_of_each(mechanism,
         np.testing.assert_array_equal(many.positions()[k], alone.positions())
 
 
+@pytest.mark.parametrize("options", METHODS.values(), ids=METHODS)
+def test_chains_of_different_kinds_move_as_each_alone(options, starts):
+    chains = [LINKS, DOUBLE, DOUBLE, *(Chain.uniform(2, **{name: 0.01}) for name in
+              ("inertias", "friction", "armature", "drag"))]  # fmt: skip
+    many = simulate(chains, starts[0][:7], 0.0, TIMES, **options)
+    for k, chain in enumerate(chains):
+        alone = simulate(chain, starts[0][k], 0.0, TIMES, **options)
+        assert_same(many[k].theta, alone.theta)
+        np.testing.assert_array_equal(many[k].sensitivities().A, alone.sensitivities().A)
+        np.testing.assert_array_equal(many.at(1.23)[0][k], alone.at(1.23)[0])
+    np.testing.assert_array_equal(many.bodies(), many.centres())
+    assert many[1].bodies().shape == (51, 0, 2)
+
+
 def test_chains_that_do_not_fit_each_other_or_their_starts_are_refused():
     with pytest.raises(ValueError, match=r"shape \(B, 2\) for B = 3 chains, got \(2, 2\)"):
         simulate([DOUBLE] * 3, np.ones((2, 2)), 0.0, TIMES)
@@ -210,6 +224,9 @@ def test_what_was_seen_and_the_chains_of_many_motions_come_back_from_a_file(tmp_
         again = npend_gym.Trajectory.load(tmp_path / "b.npz")
         assert_same(again.t_events, each.t_events)
         assert_same(again.theta_events, each.theta_events)
+        np.testing.assert_array_equal(again.steps, each.steps)
+    with pytest.raises(ValueError, match='took them, not those of a GPU or of "rk4"'):
+        _ = simulate(DOUBLE, 1.0, 0.0, TIMES, **METHODS["rk4"]).steps
     chains = [DOUBLE, Chain([1.0, 2.0], [1.0, 1.0])]
     simulate(chains, np.ones((2, 2)), 0.0, TIMES).save(tmp_path / "c.npz")
     assert npend_gym.Trajectory.load(tmp_path / "c.npz").chains == tuple(chains)
@@ -417,6 +434,14 @@ def returns_fewer(t, theta, omega):
     return theta[: 2 - int(t)]
 
 
+def returns_more(t):
+    return np.zeros(2 + 3 * int(t))
+
+
+def returns_text_late(t):
+    return "3" if t > 1.0 else 3.0
+
+
 def nan_late(t, theta, omega):
     return np.nan if t > 1.0 else 0.0
 
@@ -435,6 +460,10 @@ def fails_in_python(t, theta, omega):
         ({"torque": reads_beyond}, "torque raised IndexError at t = 0.2 s: index 2 is out of"),
         ({"torque": reads_beyond, "method": "rk4", "dt": 0.1}, "torque raised IndexError"),
         ({"torque": returns_fewer}, "torque must return finite numbers, got .* an exception soon"),
+        ({"torque": returns_more}, "torque must return finite numbers, got .* another shape"),
+        ({"torque": lambda t: "3"}, "torque raised TypeError at t = 0 s: it must .* got '3'"),
+        ({"torque": returns_text_late}, "torque raised TypeError soon after t = .* got '3'"),
+        ({"events": lambda t, theta, omega: "3"}, "it must return real numbers, got '3'"),
         ({"torque": nan_late}, "torque must return finite numbers, got NaN"),
         ({"torque": fails_in_python}, "torque raised RuntimeError soon after t = .*no more"),
         ({"torque": lambda t, theta, omega: [1, 2, 3]}, r"shape \(\) or \(2,\), got"),
@@ -458,6 +487,20 @@ def fails_in_python(t, theta, omega):
 def test_functions_that_fail_are_named(keywords, text):
     with pytest.raises(ValueError, match=text):
         simulate(DOUBLE, 1.0, 0.0, TIMES, **keywords)
+
+
+@pytest.mark.parametrize("end", [20.0, 2000.0])  # the last in more than one compiled call
+@pytest.mark.parametrize(
+    "functions",
+    [
+        {"torque": lambda t, theta, omega: -theta[0]},
+        {"torque": lambda t, theta, omega: json.loads(str(-int(theta[0])))},  # raises for NaN
+        {"events": lambda t, theta, omega: theta[0] - 1e9},
+    ],
+)
+def test_steps_too_long_are_no_fault_of_the_functions(functions, end):
+    with pytest.raises(IntegrationError, match=r"the state diverged .* dt = 0\.2 .* shorten it"):
+        simulate(Chain.uniform(5), 2.0, 0.0, [0.0, end], method="rk4", dt=0.2, **functions)
 
 
 # -- events -----------------------------------------------------------------------------------

@@ -274,6 +274,10 @@ def test_springs_of_many_motions_are_judged_each_by_its_own_chain():
     shrunk = simulate([short, long], 0.1, 0.0, [0.0, 0.01], **given)
     alone = simulate(long, 0.1, 0.0, [0.0, 0.01], stretch=-1.5)
     np.testing.assert_array_equal(shrunk[1].stretch, alone.stretch)
+    pair = Chain.uniform(2, stiffness=500.0)
+    for_all = simulate(pair, np.ones((3, 2)), 0.0, [0.0], stretch=[0.01, 0.02], stretch_rate=[1, 2])
+    np.testing.assert_array_equal(for_all.stretch, np.tile([0.01, 0.02], (3, 1, 1)))
+    np.testing.assert_array_equal(for_all.stretch_rate, np.tile([1.0, 2.0], (3, 1, 1)))
     with pytest.raises(
         ValueError, match=r"is \[\[0.0\], \[-1.5\]\] for lengths \[\[2.0\], \[1.0\]\]$"
     ):

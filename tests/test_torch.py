@@ -273,6 +273,7 @@ BAD_STEPS = [
     ((TWO[:, :1],), {}, ValueError, r"theta must have the shape \(\.\.\., 2\), got \(3, 1\)"),
     ((TWO, TWO[:2]), {}, ValueError, "leading axes must fit"),
     ((TWO, 0.0, TWO), {}, ValueError, r"torque must have the shape \(\.\.\., 1\)"),
+    ((TWO[:0],), {}, ValueError, r"theta must hold at least one state, got .*\(0,\)"),
     ((TWO * np.nan,), {}, ValueError, "theta must be finite"),
     ((TWO + 1e6,), {}, ValueError, "theta must lie within"),
     ((TWO,), {"parameters": {"mass": TWO}}, ValueError, "parameter must be one of masses"),
@@ -406,11 +407,15 @@ def test_where_all_lanes_begin_a_new_graph_begins_too(task, autoreset):
 def test_what_tensors_cannot_be_is_refused_by_the_environment():
     with pytest.raises(ValueError, match="randomize must leave cart_mass out"):
         DifferentiableVectorEnv(2, base="cart", randomize={"cart_mass": (0.5, 1.5)})
+    with pytest.raises(ValueError, match="device must be one of cpu, cuda; got 'foo'"):
+        DifferentiableVectorEnv(2, device="foo")
     pytest.importorskip("torchrl")
     from npend_gym.torch import TorchRLEnv
 
     with pytest.raises(ValueError, match="goal_env must be False for TorchRLEnv"):
         TorchRLEnv(2, **UNIDEAL["goals"])
+    with pytest.raises(TypeError, match="TorchRLEnv takes no keyword 'autoreset_mode'"):
+        TorchRLEnv(2, autoreset_mode="DISABLED")
 
 
 def test_what_is_done_to_the_info_does_not_change_the_environment():

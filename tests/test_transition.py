@@ -192,6 +192,9 @@ def test_the_dict_of_goals_passes_gymnasiums_check_and_has_what_was_achieved():
         np.testing.assert_array_equal(desired, [*cosines(info["goal"]), 0.0])
         assert reward == env.compute_reward(achieved, desired, info)
         assert env.compute_reward(achieved, achieved, info) == 1.0
+    for goals in ((achieved[:3], desired), (achieved, desired[:1]), (achieved, 0.0)):
+        with pytest.raises(ValueError, match=r"_goal must have n \+ 1 = 4 numbers"):
+            env.compute_reward(*goals, info)
     assert not hasattr(NPendulumEnv(mode="transition"), "compute_reward")
 
 

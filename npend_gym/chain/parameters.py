@@ -211,6 +211,8 @@ def gear_ratios(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     # entries of a ragged array are arrays themselves, which `broadcast` refuses
     infinite = [not isinstance(one, np.ndarray) and one in ends for one in given.flat]
     infinite = np.array(infinite, np.bool_).reshape(given.shape)
+    if infinite.any():  # errors of the others, without what stands for infinity below
+        _checks.array(name, given[~infinite].tolist())
     finite = _checks.broadcast(name, np.where(infinite, 1.0, given).tolist(), shape)
     return np.where(infinite, np.inf, finite)
 

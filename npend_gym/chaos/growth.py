@@ -72,7 +72,7 @@ class Growth:
         rate = _checks.number("rate", rate)
         if not 0.0 <= (share := _checks.number("share", share)) <= 1.0:
             raise ValueError(f"share must be between 0 and 1, got {share:g}")
-        window = max(1, round(share * self.times.size))
+        window = max(1, min(round(share * self.times.size), self.times.size - 1))
         rates = (self.logarithm[window:] - self.logarithm[:-window]) / (
             self.times[window:] - self.times[:-window]
         )

@@ -166,10 +166,16 @@ def _own(chain: Chain, m: int) -> NDArray[np.int64]:
 
 
 def _metric(chain: Chain, state: FloatArray, unit: float) -> FloatArray:
-    """Return the matrix that takes changes of (q, u) to those of (q, p / unit)."""
+    """Return the matrix that takes changes of (q, u) to those of (q, p / unit).
+
+    The place of a cart and the stretches of springs are counted in mean rods, as angles are.
+    """
     size = state.size // 2
     own, metric = _own(chain, size), np.eye(2 * size)
     q, u = (half[own] for half in np.split(state, 2))
     momenta = momentum_jacobian(chain, q, u) / unit
     metric[np.ix_(size + own, np.concatenate([own, size + own]))] = momenta
+    length, lengths = float(chain.lengths.mean()), own[chain.n :]
+    metric[lengths] /= length
+    metric[size + lengths] *= length
     return metric

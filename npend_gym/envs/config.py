@@ -14,7 +14,7 @@ from typing_extensions import Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain
+from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain, ChainParameters
 from npend_gym.envs.goals import check_goal_env, goal_space
 from npend_gym.envs.keywords import (
     DEFAULTS,
@@ -119,7 +119,13 @@ class EnvConfig(Settings):
         settings = {name: given[name] for name in SETTINGS if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
         largest = {name: random.ends(name, given[name])[1] for name in HARDWARE}
-        _check_limits(largest, mode, given["dt"], sum(joint < chain.n for joint in joints))
+        motors = sum(joint < chain.n for joint in joints)
+        _check_limits(largest, mode, given["dt"], motors)
+        if on_cart and motors == 0 and "max_torque" in random.names:
+            raise ValueError(
+                "randomize must leave out 'max_torque' where no joint has a motor; 'max_force' is "
+                "that of the cart, and actuated=(0,) gives a motor to the joint on it"
+            )
         substeps, max_rotation = _substeps(given["substeps"], given["dt"], random, given)
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
         used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
@@ -303,13 +309,20 @@ def _substeps(
     most = 1
     for corner in random.corners:
         chain = chain_of(corner, 0)
-        substeps = default_substeps(chain, dt)
-        if cart["base"] == "cart":
-            mass = random.ends("cart_mass", cart["cart_mass"])[0]
-            damping = random.ends("rail_damping", cart["rail_damping"])[1]
-            substeps = substeps_on_cart(substeps, chain, dt, 1.0 / mass, damping)
-        most = max(most, substeps)
+        most = max(most, substeps_on_base(default_substeps(chain, dt), chain, dt, random, cart))
     return most, MAX_ROTATION
+
+
+def substeps_on_base(
+    substeps: int, chains: Chain | ChainParameters, dt: float, random: Randomization,
+    cart: Mapping[str, Any],
+) -> int:  # fmt: skip
+    """Return how many substeps chains need on any cart drawn, if on one, or else `substeps`."""
+    if cart["base"] != "cart":
+        return substeps
+    mass = random.ends("cart_mass", cart["cart_mass"])[0]
+    damping = random.ends("rail_damping", cart["rail_damping"])[1]
+    return substeps_on_cart(substeps, chains, dt, 1.0 / mass, damping)
 
 
 def _speed_scale(observation: str, chain: Chain) -> FloatArray:

@@ -15,6 +15,7 @@ from npend_gym._streams import Purpose
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import generator
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig, task_numbers
 from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
@@ -35,7 +36,7 @@ from npend_gym.envs.starts import (
     start_plan,
 )
 from npend_gym.physics import energy
-from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.kernels.layout import MAX_SPEED, Member, Rod
 from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.memory import Memory, Plan
 
@@ -218,8 +219,11 @@ class Episodes:
                     f"({config.n},), angles and angular velocities; got {_checks.show(pair)}"
                 )
             angles, speeds = pair
-            theta[row] = _checks.vector("the angles of mode.start", angles, config.n)
-            omega[row] = _checks.vector("the velocities of mode.start", speeds, config.n)
+            for name, values, limit, out in (
+                ("angles", angles, MAX_ANGLE, theta), ("velocities", speeds, MAX_SPEED, omega)
+            ):  # fmt: skip
+                label = f"the {name} of mode.start"
+                out[row] = _checks.within(label, _checks.vector(label, values, config.n), limit)
         return theta, omega
 
     def set_states(self, lanes: LaneNumbers, states: States) -> None:

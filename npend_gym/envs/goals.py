@@ -52,8 +52,8 @@ class GoalReward:
     is beyond its rail, `step` returns 0, and the reward of the goal may be 1.
     """
 
-    def __init__(self, mode: Mode) -> None:
-        self._mode = mode
+    def __init__(self, mode: Mode, n: int) -> None:
+        self._mode, self._size = mode, n + 1
 
     def __call__(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of having achieved one goal where another was desired.
@@ -69,6 +69,12 @@ class GoalReward:
         float, or ndarray of shape (B,)
         """
         del info
+        for name, goal in (("achieved_goal", achieved_goal), ("desired_goal", desired_goal)):
+            if np.shape(goal)[-1:] != (self._size,):
+                raise ValueError(
+                    f"{name} must have n + 1 = {self._size} numbers on its last axis, "
+                    f"got the shape {np.shape(goal)}"
+                )
         away = np.abs(np.subtract(achieved_goal, desired_goal, dtype=np.float64))
         known: Any = SimpleNamespace(
             goal_distance=away[..., :-1].max(axis=-1), kinetic_energy=away[..., -1]
@@ -114,7 +120,7 @@ def check_goal_env(mode: Mode, reward_type: str, *, goal_env: bool) -> None:
         )
     if goal_env:
         try:
-            GoalReward(mode)(np.zeros(2), np.zeros(2), {})
+            GoalReward(mode, 1)(np.zeros(2), np.zeros(2), {})
         except AttributeError as error:
             raise ValueError(
                 f"achieved of mode {mode.name!r} must use goal_distance and kinetic_energy alone "

@@ -14,12 +14,13 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import check_parameter, gear_ratios
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.config import EnvConfig, substeps_on_base
 from npend_gym.envs.goals import check_different, checked_equilibrium
-from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
+from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.physics.arguments import warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.link_terms import count_terms
+from npend_gym.physics.substeps import MAX_SUBSTEPS, substeps_of
 
 MAX_LANES = 10_000_000
 MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
@@ -30,6 +31,9 @@ _ANGLES = ("theta", "amplitude")
 _LIMITS = {
     "theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED, "cart_velocity": MAX_SPEED
 }  # fmt: skip
+# Chains may need so many times the default substeps. A chain an eighth as long, which does, keeps
+# its energy to some 1e-6 over 1000 steps.
+_FASTER = 3
 _NUMBERS = ("amplitude", "gravity", *CART_STATE)  # of a lane; others are of a rod
 
 
@@ -97,6 +101,7 @@ def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:
     shown = _checks.show(mask)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         raise TypeError(f"options['reset_mask'] must be a bool array, got {shown}")
+    _checks.unmasked("options['reset_mask']", mask)
     if mask.shape != (count,) or not mask.any():
         raise ValueError(
             f"options['reset_mask'] must have the shape ({count},) and be True somewhere, "
@@ -124,7 +129,7 @@ def checked_action(
             return value  # the common case, quickly; the rules below are for all others
     joints, is_discrete = shape[-1], len(table) > 0 or shape[-1] == 0
     try:
-        raw = np.asarray(action)
+        raw = np.asarray(_checks.unmasked("action", action))
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"action must be rectangular, got {_checks.show(action)}") from error
     if raw.dtype.kind not in ("iu" if is_discrete else "iuf"):
@@ -223,14 +228,45 @@ def _check_changes(config: EnvConfig, changes: Mapping[str, FloatArray]) -> None
     lanes = len(next(iter(changes.values())))
     chain, made_for = config.chain, count_terms(config.randomization.with_all_features)
     changed = chain.repeated(lanes, **changes)
-    if count_terms(changed) > made_for:
+    lost = made_for == 1 and chain.base is None and changed.has_drag  # which links alone lack
+    if lost or count_terms(changed) > made_for:
         alone = {k: count_terms(chain.repeated(lanes, **{k: v})) for k, v in changes.items()}
         name = next((k for k, count in alone.items() if count > made_for), next(iter(changes)))
         raise ValueError(
             f"options[{name!r}] must not turn point masses into links, nor add friction, rotors or "
             "drag: make the environment with a chain that has them, chain=Chain(...)"
         )
-    check_weight(changed)
+    _check_substeps(config, changes)
+
+
+def substeps_beyond(config: EnvConfig, changes: Mapping[str, FloatArray]) -> int:
+    """Return the substeps that chains with `changes` need, 0 where those by default suffice.
+
+    `MAX_SUBSTEPS` stands for any number beyond. ValueError is raised for a chain that is no task's.
+    """
+    corners = config.randomization.changed(changes)
+    if config.substeps is not None:
+        return 0
+    dt, random, cart = config.dt, config.randomization, vars(config)
+    try:
+        needed = max(
+            substeps_on_base(substeps_of(each, dt), each, dt, random, cart) for each in corners
+        )
+    except ValueError:
+        needed = MAX_SUBSTEPS
+    return needed if needed > _FASTER * config.min_substeps else 0
+
+
+def _check_substeps(config: EnvConfig, changes: Mapping[str, FloatArray]) -> None:
+    """Raise a ValueError where chains with `changes` are too fast for the default substeps."""
+    needed = substeps_beyond(config, changes)
+    if needed > 0:
+        text = f"or with substeps={needed}" if needed < MAX_SUBSTEPS else "and shorten dt"
+        raise ValueError(
+            f"options[{next(iter(changes))!r}] must leave the chain slow enough for the "
+            f"{config.min_substeps} substeps of dt={config.dt:g} s: make the environment with this "
+            f"chain, {text}"
+        )
 
 
 class KeptOptions:

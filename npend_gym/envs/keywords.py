@@ -16,7 +16,7 @@ from typing_extensions import TypedDict
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain
+from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain, ChainParameters, as_chain
 from npend_gym.envs.modes import Mode, NearPose, described_modes
 from npend_gym.envs.settings import FIELDS, CartSettings, angle
 
@@ -167,7 +167,7 @@ def described_chain(keywords: Mapping[str, Any]) -> Chain:
             f"{next(iter(own))} cannot be given together with chain, which has parameters of its "
             f"own: give either chain or {', '.join(CHAIN_KEYWORDS)}"
         )
-    if keywords.get("n", chain.n) != chain.n:
+    if _checks.count("n", keywords.get("n", chain.n), high=MAX_RODS) != chain.n:
         raise ValueError(
             f"n must be left out where chain is given, or be its number of links, {chain.n}; "
             f"got {_checks.show(keywords['n'])}"
@@ -284,7 +284,7 @@ def checked_cart(
         )
     if chain.base is None and given["base"] == "pivot":
         for name in CART_KEYWORDS:
-            if given[name] is not None and given[name] != DEFAULTS[name]:
+            if given[name] is not None and not np.array_equal(given[name], DEFAULTS[name]):
                 raise ValueError(
                     f'{name} belongs to a cart: give base="cart" with it, or leave it out; '
                     f"got {_checks.show(given[name])}"
@@ -295,7 +295,8 @@ def checked_cart(
         own |= {"cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
     used = dict(given) | {k: value for k, value in own.items() if keywords.get(k) is None}
     checked = {name: _checks.positive_number(name, used[name]) for name in ("cart_mass", "rail")}
-    weight = chain.gravity * (checked["cart_mass"] + float(chain.masses.sum()))
+    gravity = chain.gravity or STANDARD_GRAVITY
+    weight = gravity * (checked["cart_mass"] + float(chain.masses.sum()))
     return checked | {
         "base": "cart",
         "rail_damping": _checks.nonnegative_number("rail_damping", used["rail_damping"]),

@@ -46,6 +46,17 @@ class Randomization(NamedTuple):
         row = self.draws[self.names.index(name)]
         return row[Draw.LOW], row[Draw.HIGH]
 
+    def changed(self, changes: Mapping[str, FloatArray]) -> list[ChainParameters]:
+        """Return the corners with changes (B, n), B chains each; refused where one is no task's."""
+        lanes = len(next(iter(changes.values())))
+        repeated = (
+            ChainParameters(*(np.repeat(row, lanes, axis=0) for row in corner))
+            for corner in self.corners
+        )
+        corners = [corner.changed(changes) for corner in repeated]
+        check_heights(*(corners[1:3] or corners * 2))
+        return corners
+
     @property
     def with_all_features(self) -> ChainParameters:
         """The chain that needs the most of the model."""
@@ -146,12 +157,27 @@ def _corners(
     # Damping turns light links fastest; gravity swings those fastest that carry heavy ones
     patterns: list[BoolArray] = [link < 0, link < n, link % 2 > 0, link % 2 < 1, link > 0, link > 1]
     borne = [name for name in ("masses", "centres") if name in lows]
-    for heavy in patterns if borne else patterns[:1]:
-        weights = {name: np.where(heavy, highs[name], lows[name]) for name in borne}
-        corners.append(nominal.changed(active | weights))
-    if "centres" in lows:  # heavy links that hang from their middle swing fast, or upside down
-        corners.append(nominal.changed(active | {"centres": lows["centres"]}))
-    return [check_weight(corner) for corner in corners]
+    kinds = [active]
+    if "lengths" in lows and (corners[2].has_drag or np.any(corners[2].friction)):
+        for far in patterns[1:]:  # drag brakes long links fastest
+            lengths = np.where(far, highs["lengths"], lows["lengths"])
+            kinds.append(active | {"lengths": lengths})
+    for kind in kinds:
+        for heavy in patterns if borne else patterns[:1]:
+            weights = {name: np.where(heavy, highs[name], lows[name]) for name in borne}
+            corners.append(nominal.changed(kind | weights))
+        if "centres" in lows:  # heavy links that hang from their middle swing fast, or upside down
+            corners.append(nominal.changed(kind | {"centres": lows["centres"]}))
+    check_heights(*corners[1:3])
+    return corners
+
+
+def check_heights(low: ChainParameters, high: ChainParameters) -> None:
+    """Raise a ValueError where a chain between two may be higher hanging than standing."""
+    joint = np.cumsum(low.lengths, axis=-1) - low.lengths  # height of each, where all stand
+    check_weight(
+        low.changed({"masses": np.where(low.centres + joint < 0.0, high.masses, low.masses)})
+    )
 
 
 def _check_joints(

@@ -71,7 +71,7 @@ class Session:
         self._episodes.is_single = self._is_single
         self._calls = CallGuard()
         if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them
-            self.compute_reward: GoalReward = GoalReward(config.mode)
+            self.compute_reward: GoalReward = GoalReward(config.mode, config.n)
 
     def _begin(self, call: str, before: Progress) -> Episodes:
         """Begin a call that replaces everything; return the episodes for it."""

@@ -128,8 +128,8 @@ class CartSettings:
     )
     max_force: float | None = keyword(
         None,
-        "Force of the action 1 on a cart [N]; by default the weight of cart and chain times the "
-        "same factor of the mode as for `max_torque`.",
+        "Force of the action 1 on a cart [N]; by default the weight of cart and chain, on Earth "
+        "where there is no gravity, times the factor of the mode as for `max_torque`.",
         of_lane=True,
     )
     cart_mass: float | None = keyword(

@@ -176,8 +176,9 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
             "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers;
             with a cart "cart_position", "cart_velocity", numbers [m, m/s]; in mode "transition" the
             equilibria "start" and "goal" (n,), 0 or pi for each rod. They make no links of point
-            masses, and add no friction, rotors or drag to links that have none. With "persist":
-            True they hold in later episodes too, until a reset with options.
+            masses, and add no friction, rotors or drag to links that have none. They need no more
+            than three times the default `substeps`. With "persist": True they hold in later
+            episodes too, until a reset with options.
 
         Returns
         -------

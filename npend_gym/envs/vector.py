@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
+from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import make_config
 from npend_gym.envs.inputs import checked_action, checked_lanes
@@ -162,8 +163,9 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
 
         The others then stand for torques that no motor exerts.
         """
+        count = _checks.count("motors", motors, low=0, high=self.config.joints.size)
         if self._episodes.motors is not None:
-            self._episodes.motors.noisy = motors
+            self._episodes.motors.keep_noise_to(count)
 
     def get_state(self, lanes: ArrayLike | None = None) -> States:
         """Return the whole state of all lanes, or of some, by number or as a mask: records (k,).

@@ -127,5 +127,11 @@ def swept_values(name: str, value: Any) -> tuple[Any, ...]:
 
 def _per_rod(name: str, value: Any) -> float | tuple[float, ...]:
     if isinstance(value, (list, tuple, np.ndarray)):
-        return tuple(_checks.array(name, value).ravel().tolist())
+        numbers = _checks.array(name, value)
+        if numbers.ndim > 1:
+            raise ValueError(
+                f"each value of {name} must be one number or a list with an entry for each rod, "
+                f"got shape {numbers.shape}"
+            )
+        return tuple(numbers.ravel().tolist())
     return _checks.number(name, value)

@@ -166,7 +166,10 @@ class FlipMap:
         result = np.empty((self.size, self.size))
         (first, second), unusable = self.axes(), 0
         left: list[int] = []
-        turned = [(each + math.pi) % (math.tau) - math.pi for each in (first, second)]
+        turned = [
+            np.where(np.abs(each) < math.pi, each, (each + math.pi) % math.tau - math.pi)
+            for each in (first, second)
+        ]
         for k in range(self._count):
             part = self._part(parts, k)
             if part is None:

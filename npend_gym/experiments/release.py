@@ -325,11 +325,12 @@ def _summary(experiment: ReleaseExperiment, n: int, runs: Sequence[Run]) -> dict
     if not timed.all():  # `com` is of all runs, or not a number
         models = models._replace(law=theory.models(chain, angles).law)
     com = float(np.mean([run.com for run in runs]))
+    spreads = [_std(p[d]) for p, d in zip(periods, done, strict=True) if d.any()]
     return {
         "n": n,
         "trials": len(runs),
         "measured_s": measured,
-        "bob_spread_s": float(np.mean([_std(p[d]) for p, d in zip(periods, done, strict=True)])),
+        "bob_spread_s": float(np.mean(spreads)) if spreads else math.nan,
         "trial_spread_s": _std(means[np.isfinite(means)]),
         "completed": int(done.sum()),
         "bobs": int(done.size),

@@ -118,12 +118,13 @@ def signals(motion: Trajectory, reading: str) -> FloatArray:
 def _shown(
     motion: Trajectory, signal: FloatArray, reading: str, sensor: Sensor, seed: int
 ) -> FloatArray:
-    """Return what the sensor shows of a motion; a height is measured from where the bob hangs."""
+    """Return what the sensor shows of a motion; a height is measured from where the bob rests."""
     hanging, chain = 0.0, motion.chain
     if reading == "height":
         lengths = chain.lengths
         if chain.stiffness is not None:
             lengths = lengths + chain.gravity * chain.carried_masses / chain.stiffness
+        lengths = np.where(chain.lift < 0.0, -lengths, lengths)  # a link that rests upright
         hanging = -np.cumsum(lengths) - motion.positions()[0, :, 1]
     shown = sensor.scale * (signal - hanging) + hanging + sensor.offset
     if sensor.noise == 0.0:

@@ -114,7 +114,8 @@ def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
 
 def checked_joints(joints: Iterable[int], n: int) -> list[int]:
     """Return joints of a chain of n rods, refused where one is named twice."""
-    listed = [_checks.count("joint", j, low=0, high=n - 1) for j in joints]
+    named = _checks.listed("joints", joints, "(0,)")
+    listed = [_checks.count("joint", j, low=0, high=n - 1) for j in named]
     if len(set(listed)) != len(listed):
         raise ValueError(f"joints must name each joint once, got {_checks.show(listed)}")
     return listed

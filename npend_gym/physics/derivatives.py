@@ -253,9 +253,10 @@ class DifferentiableEnsemble(Ensemble):
         """Return theta and omega, (B, c) each, from the rows that a kernel has left."""
         memory, c = self._memory, self._coordinates
         after = memory.gather(memory.lanes_of(reached))[..., :c]
-        lost = ~(np.abs(after[:, 1]) <= MAX_SPEED) | ~(np.abs(after[:, 0]) <= MAX_ANGLE)
+        lost = ~(np.abs(after) <= [[MAX_ANGLE], [MAX_SPEED]])
+        lost[..., self.n :] = ~np.isfinite(after[..., self.n :])  # a cart may be anywhere
         if np.any(lost):
-            members = np.flatnonzero(lost.any(axis=1)).tolist()
+            members = np.flatnonzero(lost.any(axis=(1, 2))).tolist()
             raise FloatingPointError(
                 f"members {_checks.show(members)} leave all bounds in the step, where nothing can "
                 "be differentiated: take shorter steps, or more substeps"

@@ -57,17 +57,7 @@ class Drives:
 
     def check_time_alone(self, t: float, q: FloatArray, u: FloatArray) -> None:
         """Refuse functions that depend on the state: their derivatives are not known."""
-        for name, each in self.varying.items():
-            if isinstance(each, Signal):
-                continue
-            here = _called(name, each, t, q, u)
-            elsewhere = _called(name, each, t, q + 0.1, u), _called(name, each, t, q, u + 0.1)
-            if not all(np.array_equal(here, other) for other in elsewhere):
-                raise ValueError(
-                    f"{name} must depend on time alone where motions are differentiated, but "
-                    f"{getattr(each, '__name__', 'the function')} says something else in another "
-                    "state: take the steps of DifferentiableEnsemble for feedback"
-                )
+        self.at(np.array([t]), q[None], u[None], alone=True)
 
     def begin(
         self, t: float, q: FloatArray, u: FloatArray, kept: dict[Any, Callback] | None = None
@@ -101,15 +91,22 @@ class Drives:
             scalar = scalar and (name != "torque" or value.ndim == 0)
         return scalar
 
-    def at(self, times: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return what acts at instants (S,) in states (S, m) each, (S, n + AFTER_TORQUES)."""
+    def at(
+        self, times: FloatArray, q: FloatArray, u: FloatArray, *, alone: bool = False
+    ) -> FloatArray:
+        """Return what acts at instants (S,) in states (S, m) each, (S, n + AFTER_TORQUES).
+
+        With `alone`, refuse functions that depend on the state in any of these.
+        """
         values, places = np.tile(self.fixed, (times.size, 1)), slots(self.n)
         for name, each in self.varying.items():
-            for k, t in enumerate(times):
-                if isinstance(each, Signal):
-                    given = np.atleast_1d(each(float(t)))
-                else:
-                    given = np.atleast_1d(_called(name, each, float(t), q[k], u[k]))
+            in_time = isinstance(each, Signal) or takes_time_alone(each)
+            for k, t in enumerate(times.tolist()):
+                state = () if in_time else (q[k], u[k])
+                given = each(t) if isinstance(each, Signal) else called(name, each, t, *state)
+                if alone and not in_time:
+                    _check_alone(name, each, t, q[k], u[k], given)
+                given = np.atleast_1d(given)
                 values[k, places[name]][: given.size] = given
         return values
 
@@ -180,20 +177,22 @@ class Drives:
         if self._callback is None:
             return
         failure, self._callback.failure = self._callback.failure, None
+        at = float(self._broken[0])
         if isinstance(failure, Exception):
+            if not np.isfinite(at):  # the state had diverged before the function was called
+                return
             raise ValueError(
                 f"{' or '.join(self.varying)} raised {type(failure).__name__} soon after "
                 f"t = {t:g} s: {failure}"
             ) from failure
         if failure is not None:
             raise failure
-        if stuck and np.isfinite(self._broken[0]):
-            at = float(self._broken[0])
+        if stuck and np.isfinite(at):
             for name, each in self.varying.items():  # to name the exception of machine code
                 _called(name, each, at, q, u)
             raise ValueError(
-                f"{' and '.join(self.varying)} must return finite numbers, got NaN, infinity or an "
-                f"exception soon after t = {t:g} s"
+                f"{' and '.join(self.varying)} must return finite numbers, got NaN, infinity, "
+                f"another shape or an exception soon after t = {t:g} s"
             )
 
 
@@ -205,6 +204,24 @@ def _check_width(name: str, given: Signal, shapes: tuple[tuple[int, ...], ...]) 
             + " or ".join(str(("K", *each)).replace("'", "") for each in shapes)
             + f", got {np.shape(given.values)}"
         )
+
+
+def _check_alone(
+    name: str,
+    function: Callable[..., Any],
+    t: float,
+    q: FloatArray,
+    u: FloatArray,
+    here: FloatArray,
+) -> None:
+    """Refuse a function that returns something else than `here` in states nearby."""
+    for state in ((q + 0.1, u), (q, u + 0.1)):
+        if not np.array_equal(here, called(name, function, t, *state)):
+            raise ValueError(
+                f"{name} must depend on time alone where motions are differentiated, but "
+                f"{getattr(function, '__name__', 'the function')} says something else in another "
+                "state: take the steps of DifferentiableEnsemble for feedback"
+            )
 
 
 def _called(

@@ -235,7 +235,8 @@ class Ensemble(Members):
         """
         loads = self._check_loads(torque, force)
         plan = self._check_step(dt, substeps)
-        mask = np.ones(self.size, np.bool_) if active is None else np.asarray(active)
+        given = np.ones(self.size, np.bool_) if active is None else active
+        mask = np.asarray(_checks.unmasked("active", given))
         if mask.dtype != np.bool_:
             raise TypeError(
                 f"active must hold True or False for each member, got {_checks.show(active)}"

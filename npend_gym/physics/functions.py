@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import Callback, Writer, compiled_if_possible
 from npend_gym.physics.kernels.driven import ACROSS, AFTER_TORQUES, FORCE, UP
@@ -44,9 +45,16 @@ def called(name: str, function: Any, t: float, *state: FloatArray) -> FloatArray
         That names the function, where it raises an exception.
     """
     try:
-        return np.asarray(function(t, *(each.copy() for each in state)), float)
+        return np.asarray(_numbers(function(t, *(each.copy() for each in state))), float)
     except Exception as error:
         raise ValueError(f"{name} raised {type(error).__name__} at t = {t:g} s: {error}") from error
+
+
+def _numbers(values: Any) -> Any:
+    """Return what a function returned, refused where it is text."""
+    if np.asarray(values).dtype.kind in "US":
+        raise TypeError(f"it must return real numbers, got {_checks.show(values)}")
+    return values
 
 
 def callback_of(functions: Mapping[str, Any], fixed: FloatArray, *, scalar: bool) -> Callback:
@@ -79,14 +87,18 @@ def _writer_of(
     at_force, at_across, at_up = n + FORCE, n + ACROSS, n + UP
 
     def of_state(function: Any) -> Any:
-        """Return a function of t alone as one of the state too."""
-        if function is None or not takes_time_alone(function):
-            return function
+        """Return a function of t alone as one of the state too; Python may return text."""
+        if function is None:
+            return None
+        alone = takes_time_alone(function)
+
+        def in_python(t, q, u):
+            return _numbers(function(t) if alone else function(t, q, u))
 
         def in_time(t, q, u):
             return function(t)
 
-        return make(in_time)
+        return in_python if make is _itself else make(in_time) if alone else function
 
     torque, force, pivot = cast("Any", [of_state(functions.get(name)) for name in NAMES])
 
@@ -98,6 +110,8 @@ def _writer_of(
 
     def each(t, q, u, out):
         values = torque(t, q, u)
+        if len(values) != n:
+            raise ValueError("it must always return as many numbers as there are rods")
         for i in range(n):
             out[i] = values[i]
 

@@ -83,10 +83,11 @@ class DeviceChains:
         _checks.choice("dtype", self.dtype.name, ("float64", "float32"))
         self._rows = self.cuda.to_device(self.parameters.stacked().astype(self.dtype))
         self._resisted = drag or self.parameters.has_drag
+        self._terms = _terms_of(self.parameters, drag=drag)
         self._kernel = kernel_for(self.parameters, self.dtype, drag=drag)
         self._storage: list[Any] = []
         if self.n > SHORT:
-            shapes = threads.storage_shapes(self.n, count_terms(self.parameters), self.size)
+            shapes = threads.storage_shapes(self.n, self._terms, self.size)
             self._storage = [self.zeros(shape) for shape in shapes]
         self._substeps: dict[float, int] = {}
 
@@ -127,7 +128,8 @@ class DeviceChains:
             default 1/20 where `substeps` is not given, else none is.
         parameters : array on the GPU, shape (B, 12, n) or (1, 12, n), optional
             Other parameters of the chains, as ``chain.repeated(B).stacked()`` has them. They are
-            not checked, and may not make links of point masses, nor add drag where there was none.
+            not checked, and may not make links of point masses, nor add friction, rotors or drag
+            where there were none.
         stream : int
             Handle of the CUDA stream, such as ``torch.cuda.current_stream().cuda_stream``.
 
@@ -220,7 +222,13 @@ def kernel_for(
     """Return the kernel that advances chains of this kind and number of rods, one a thread."""
     resisted = drag or chains.has_drag
     short = min(chains.masses.shape[1], SHORT + 1)
-    return _kernel(short, count_terms(chains), resisted, np.dtype(dtype).name)
+    return _kernel(short, _terms_of(chains, drag=drag), resisted, np.dtype(dtype).name)
+
+
+def _terms_of(chains: ChainParameters, *, drag: bool) -> int:
+    """Return the number of arrays of terms of chains that may get `drag`, see `count_terms`."""
+    terms = count_terms(chains)
+    return 3 if drag and terms == 1 else terms
 
 
 @cache
@@ -277,7 +285,9 @@ class DifferentiableDeviceChains(DeviceChains):
             torques are added; and perhaps one, (B, 12, n), to which those by the parameters are
             added, in the order of `ChainParameters`. Those by gravity are in the first entry of its
             row. Where the centre of mass is to stay at the end of a rod, the derivative by the
-            length is the sum of the two.
+            length is the sum of the two. Point masses add nothing to the rows after
+            `quadratic_drag`. Links without friction, rotors and drag add nothing to those of drag,
+            nor to those after `inertias`.
         diverged : array on the GPU, shape (B,)
             As for `advance`: nothing is done where it is not zero. Where the state leaves all
             bounds in the step, it becomes one, and the derivatives mean nothing.
@@ -305,9 +315,9 @@ class DifferentiableDeviceChains(DeviceChains):
             of_parameters = self._array("parameters_bar", bars[3], shape)
         rows = self._parameters(parameters)
         steps = self._steps(dt, substeps, max_rotation, rows, stream)
-        terms, work = count_terms(self.parameters), self._workspace(int(steps[1]))
+        work = self._workspace(int(steps[1]))
         # kernels leave out drag where there is none, and then its derivatives
-        kernel = adjoint_kernel(terms, bool(wanted) or self._resisted, self.dtype.name)
+        kernel = adjoint_kernel(self._terms, bool(wanted) or self._resisted, self.dtype.name)
         kernel.launch(
             self.size, *state, of_parameters, flags, rows, *steps, *work, stream=stream
         )  # fmt: skip
@@ -316,8 +326,7 @@ class DifferentiableDeviceChains(DeviceChains):
         """Return the arrays in which the threads work, for steps of `substeps` substeps."""
         if self._work[0] != substeps:
             self._work = (0, [])  # free the old ones first
-            terms = count_terms(self.parameters)
-            shapes = threads.adjoint_shapes(self.n, terms, self.size, substeps)
+            shapes = threads.adjoint_shapes(self.n, self._terms, self.size, substeps)
             self._work = substeps, [self.zeros(shape) for shape in shapes]
         return self._work[1]
 

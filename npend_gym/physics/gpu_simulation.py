@@ -72,6 +72,10 @@ def simulate_on_device(
     states = check_states(n, theta=theta, omega=omega, torque=given)
     check_limits(*states[:2])
     leading, rods = states[0].shape[:-1], states[0].size
+    if rods == 0:
+        raise ValueError(
+            f"theta, omega and torque must hold one state or more, got shape {states[0].shape}"
+        )
     check_times(times, rods)
     lanes = [values.reshape(-1, n).T for values in states]
     steps, chains = count_steps(times, dt), DeviceChains(chain, rods // n)

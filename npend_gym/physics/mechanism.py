@@ -13,7 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_chain
 from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
-from npend_gym.physics.kernels.link_terms import Base
+from npend_gym.physics.kernels.link_terms import Base, count_terms
 from npend_gym.physics.kernels.springs import spring_arrays
 
 MAX_VIBRATIONS = 1e9  # along the rods, in the time that is simulated
@@ -49,6 +49,14 @@ class Mechanism(NamedTuple):
     def size(self) -> int:
         """Number of coordinates of each chain."""
         return self.n + self.places + (self.n if self.springs is not None else 0)
+
+    @property
+    def kinds(self) -> list[int]:
+        """What tells which kernel each chain has alone; empty where all have the same."""
+        if self.springs is not None or self.base is not None or len(self.parameters.masses) == 1:
+            return []
+        each = zip(*(values[:, None] for values in self.parameters), strict=True)
+        return [count_terms(ChainParameters(*own)) for own in each]
 
     def of(self, lanes: NDArray[np.int64]) -> Mechanism:
         """Return the chains of these motions."""
@@ -211,10 +219,15 @@ def check_axial_start(
             raise ValueError("stretch must be given with stretch_rate")
         return None
     rate = 0.0 if stretch_rate is None else stretch_rate
-    return (
-        _checks.broadcast("stretch", stretch, shape),
-        _checks.broadcast("stretch_rate", rate, shape),
-    )
+    return _of_rods("stretch", stretch, shape), _of_rods("stretch_rate", rate, shape)
+
+
+def _of_rods(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return a quantity of each rod, given for all states or for each, as an array of `shape`."""
+    given = _checks.array(name, value)
+    if given.shape == shape[-1:]:
+        given = np.broadcast_to(given, shape)
+    return _checks.broadcast(name, given, shape)
 
 
 def check_lengths(lengths: FloatArray, stretch: FloatArray, *, chosen: bool) -> None:

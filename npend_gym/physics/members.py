@@ -46,7 +46,7 @@ class Members:
 
     @property
     def diverged(self) -> BoolArray:
-        """Members whose state left all bounds in the last step, shape (B,)."""
+        """Members whose state has left all bounds since `set_state` or `set_chain`, shape (B,)."""
         return self._intact.members[Member.DIVERGED] != 0.0
 
     @property
@@ -104,7 +104,7 @@ class Members:
         return self.positions[:, -1]
 
     def chain(self, member: int) -> Chain:
-        """Return the chain of a member, with its cart."""
+        """Return the chain of a member, with its cart, whose mass may differ in its last bit."""
         return self._intact.chain(member)
 
     def _default_substeps(self, dt: float) -> int:

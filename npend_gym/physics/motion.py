@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -258,6 +259,7 @@ class Motion:
             progress[2], failure = count, None
             with self.drives.interruptible():
                 sound = kernel(y, ends, steps, progress, rods, frames, visited)
+            sound = sound and bool(np.isfinite(y).all())  # also between two times
             try:
                 check(int(progress[0]), sound=sound)
             except _FAILURES as error:
@@ -288,9 +290,17 @@ def _steps_of(visited: FloatArray, size: int) -> TakenSteps:
     return TakenSteps(visited[:, 0], visited[:, 1], states, polynomials, rest[:, powers * size :])
 
 
-def packs_of(count: int) -> list[slice]:
-    """Return which of `count` motions stand in a pack together."""
-    return [slice(k, min(k + WIDTH, count)) for k in range(0, count, WIDTH)]
+def packs_of(count: int, kinds: Sequence[int] = ()) -> list[slice]:
+    """Return which of `count` motions stand in a pack together: neighbours of one kind.
+
+    `kinds` has the kind of each, if they may differ.
+    """
+    ends = [k for k, (one, next_one) in enumerate(pairwise(kinds), 1) if one != next_one]
+    return [
+        slice(k, min(k + WIDTH, last))
+        for first, last in pairwise([0, *ends, count])
+        for k in range(first, last, WIDTH)
+    ]
 
 
 def pack_of(

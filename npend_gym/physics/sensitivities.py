@@ -118,7 +118,7 @@ def _loads(motion: Motion, torque: Torque, taken: TakenSteps, instants: FloatArr
         return torque.line[0] + (times - torque.begin)[..., None] * torque.line[1]
     states = np.repeat(taken.states, instants.size, axis=0)
     q, u = np.split(states, 2, axis=1)
-    return drives.at(times.ravel(), q, u).reshape(*times.shape, -1)
+    return drives.at(times.ravel(), q, u, alone=True).reshape(*times.shape, -1)
 
 
 def carry(
@@ -271,9 +271,10 @@ def gradient(
     bars = np.zeros((trajectory.times.size, 2 * m))
     for first, (name, given) in zip((0, m), (("theta_bar", theta_bar), ("omega_bar", omega_bar)),
                                     strict=True):  # fmt: skip
-        width = m if np.ndim(given) == 2 and np.shape(given)[1] == m else n
+        values = _checks.array(name, given)
+        width = m if values.ndim == 2 and values.shape[1] == m else n
         shape = (trajectory.times.size, width)
-        bars[:, first : first + width] = _checks.broadcast(name, given, shape)
+        bars[:, first : first + width] = _checks.broadcast(name, values, shape)
     scratch = new_scratch(len(_METHODS[motion.method].tableau), m)
     chain, mass = arrays_for(motion, names), motion.mechanism.parameters.masses[0].copy()
     bar, load_bar = np.zeros(2 * m), np.zeros((1, 1, n + AFTER_TORQUES))

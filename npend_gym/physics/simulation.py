@@ -192,7 +192,7 @@ def _follow(
                 return
 
     each = [slice(k, k + 1) for k in range(count)]
-    share_out(packs_of(count) if packed else each, threads, follow)
+    share_out(packs_of(count, mechanism.kinds) if packed else each, threads, follow)
     return frames, counts
 
 

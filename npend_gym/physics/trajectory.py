@@ -149,8 +149,8 @@ class Trajectory:
     def _counted(self) -> IntArray:
         if self.counts is None:
             raise ValueError(
-                'steps are counted where simulate(..., method="dop853") took them, not those of a '
-                'trajectory from a file, of a GPU or of "rk4"'
+                'steps are counted where simulate(..., method="dop853") took them, not those '
+                'of a GPU or of "rk4"'
             )
         return self.counts
 
@@ -219,10 +219,12 @@ class Trajectory:
         """Return the positions of the links' centres of mass [m], shape (T, n, 2)."""
         return _energy.centres(self._rods, self.theta)
 
-    @_each_chain
     def bodies(self) -> FloatArray:
         """Return `centres` where links are bodies, for pictures; for point masses (T, 0, 2)."""
-        return _energy.bodies(self.chain, self.theta)
+        start = self.theta[..., :1, :]
+        if any(_energy.bodies(chain, start).size for chain in self.chains or (self.chain,)):
+            return self.centres()
+        return np.empty((*self.theta.shape[:-1], 0, 2))
 
     @_each_chain
     def velocities(self) -> FloatArray:

@@ -67,10 +67,9 @@ class Scene:
             if abs(_checks.number(name, getattr(self, name))) > 1.0:
                 raise ValueError(f"{name} must be between -1 and 1, got {getattr(self, name)!r}")
         _checks.count("joint", self.joint, low=0, high=len(self.positions) - 1)
-        if not str.isprintable(self.caption):
-            raise ValueError(
-                f"caption must be one printable line, got {_checks.show(self.caption)}"
-            )
+        caption: Any = self.caption
+        if not isinstance(caption, str) or not caption.isprintable():
+            raise ValueError(f"caption must be one printable line, got {_checks.show(caption)}")
 
 
 def _points(name: str, value: object, least: int) -> FloatArray:

@@ -139,6 +139,12 @@ def _notes(analysis: Analysis) -> list[str]:
         )
     if still:
         notes.append(f"fits leave out {still} of {plan.cells} cells: nothing moves without gravity")
+    fitted = sum(len(group.points) for group in analysis.groups)
+    if lawless := int(np.sum((stats.releases > 0) & (stats.unknown == 0))) - fitted:
+        notes.append(
+            f"fits leave out {lawless} of {plan.cells} cells: the period of the slowest mode is "
+            "known only without a cart, springs and balanced links"
+        )
     if len(analysis.groups) > _DRAWN:
         notes.append(f"figures of the first {_DRAWN} of {len(analysis.groups)} groups")
     return notes
@@ -229,7 +235,7 @@ def page(analysis: Analysis, rows: dict[str, list[dict[str, Any]]], pictures: li
         (),
         ("page.css", "campaign.css"),
         **{name: html.escape(str(text)) for name, text in texts.items()},
-        fits=_table(rows["fits"]) or _NO_LAW,
+        fits=_table(rows["fits"]) or _NO_LAW * bool(analysis.groups),
         pictures="\n".join(shown),
         outliers=_table(rows["outliers"]),
         failures="<h2>Failed tasks</h2>\n" * bool(status.failed) + _table(rows["failures"]),

@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
@@ -129,11 +129,23 @@ class SB3VecEnv(VecEnv):
         return [dict(zip(self.info_keys, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def _merged_options(self) -> dict[str, Any]:
-        """Return the lanes' options as one dict of arrays with a leading lane axis."""
+        """Return the lanes' options as one dict of arrays with a leading lane axis.
+
+        Gymnasium's own vector environments pass the same options to every environment.
+        """
         keys = {key for options in self._options for key in options}
         for key in keys:
             if not all(key in options for options in self._options):
                 raise ValueError(f"options[{key!r}] must be given for every environment or none")
+        if isinstance(self.venv.unwrapped, (SyncVectorEnv, AsyncVectorEnv)):
+            for key in keys:
+                first, *others = [options[key] for options in self._options]
+                if not all(each is first or np.array_equal(each, first) for each in others):
+                    raise ValueError(
+                        f"options[{key!r}] must be the same for every environment, because "
+                        f"{type(self.venv.unwrapped).__name__} passes one value to all of them"
+                    )
+            return dict(self._options[0])
         rods = getattr(getattr(self.venv.unwrapped, "config", None), "n", None)
         return {
             key: _joined([each[key] for each in self._options], None if key in _OF_LANES else rods)

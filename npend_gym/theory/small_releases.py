@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, Chain, check_hung
+from npend_gym.chain import Chain, check_hung
 from npend_gym.theory.closed_forms import large_n_com_period, pendulum_factor
 from npend_gym.theory.modes import normal_modes
 
@@ -113,7 +113,6 @@ def _superposition(chain: Chain) -> tuple[FloatArray, FloatArray]:
 
     The chain moves with -sum_k column_k sin(omega_k t). Empty where straight is no stable rest.
     """
-    _checks.count("n", chain.n, high=MAX_DENSE)
     lift = chain.lift
     if chain.gravity == 0.0 or np.any(lift <= 0.0):
         return np.empty(0), np.empty((chain.n, 0))

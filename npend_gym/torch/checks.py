@@ -105,6 +105,8 @@ def as_tensors(values: Mapping[str, Any]) -> list[Tensor]:
 
 def check_device(device: str | torch.device) -> torch.device:
     """Return the device, refused where steps cannot be taken there."""
+    if isinstance(device, str):
+        _checks.choice("device", device.partition(":")[0], _DEVICES)
     chosen = torch.device(device)
     _checks.choice("device", chosen.type, _DEVICES)
     if chosen.type == "cuda":

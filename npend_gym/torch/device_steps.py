@@ -17,7 +17,7 @@ from npend_gym.compiled.gpu import DeviceKernel, simulated
 from npend_gym.physics import DifferentiableDeviceChains
 from npend_gym.physics.directions import KINDS, check_names
 from npend_gym.physics.kernels import threads
-from npend_gym.physics.kernels.link_terms import Parameter, count_terms
+from npend_gym.physics.kernels.link_terms import Parameter, check_terms, count_terms
 from npend_gym.physics.substeps import MAX_ROTATION, substeps_of
 from npend_gym.torch.checks import DivergedError, check_bars
 
@@ -114,6 +114,7 @@ class DeviceSteps:
             lanes = len(rows.masses)
             if lanes != 1 and len(like) % lanes > 0:
                 raise ValueError(f"there are parameters of {lanes} chains for {len(like)} states")
+            check_terms(rows, count_terms(self.chain.repeated(1)))
             self._rows = rows, torch.from_numpy(rows.stacked()).to(like.device)
         stacked = self._rows[1]
         if len(stacked) in (1, len(like)):

@@ -89,7 +89,7 @@ def step(
     """
     check_rigid(check_chain(chain).stiffness)
     # Checked before the cache, which takes 0.0 for 0
-    listed = checked_joints(_checks.listed("joints", joints, "(0,)"), chain.n)
+    listed = checked_joints(joints, chain.n)
     steps = _kept_steps(chain, tuple(listed))
     given = dict(parameters or {})
     tensors = as_tensors({"theta": theta, "omega": omega, "torque": torque} | given)
@@ -133,6 +133,9 @@ def _broadcast(
             f"{name} {tuple(x.shape)}" for name, x in zip(sizes, shaped, strict=True)
         )
         raise ValueError(f"leading axes must fit each other, got {shapes}") from error
+    if leading.numel() == 0:
+        name = next(name for name, lead in zip(sizes, leads, strict=True) if 0 in lead)
+        raise ValueError(f"{name} must hold at least one state, got the leading axes {(*leading,)}")
     return leading, [
         x.expand(torch.Size([*leading, *own])).reshape(leading.numel(), *own).contiguous()
         for x, own in zip(shaped, axes, strict=True)

@@ -42,6 +42,10 @@ class TorchRLEnv(EnvBase):
         threads: int = 1,
         **keywords: Unpack[EnvKeywords],
     ) -> None:
+        if "autoreset_mode" in keywords:
+            raise TypeError(
+                "TorchRLEnv takes no keyword 'autoreset_mode': TorchRL resets what is done itself"
+            )
         env = DifferentiableVectorEnv(
             num_envs, max_episode_steps=max_episode_steps, dtype=dtype, threads=threads,
             autoreset_mode=AutoresetMode.DISABLED, **keywords,

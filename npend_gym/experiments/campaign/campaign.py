@@ -318,7 +318,8 @@ class Campaign:
 
 
 def _difference(plan: CampaignPlan, present: CampaignPlan) -> str:
-    asked, held = plan.as_dict(), present.as_dict()
+    # first the chain, because a plan with one lacks what it replaces
+    asked, held = ({"chain": None} | each.as_dict() for each in (plan, present))
     name = next(name for name in asked if asked[name] != held[name])
     return (
         f"{name} = {held[name]} where {asked[name]} was given: choose another folder, or give no "

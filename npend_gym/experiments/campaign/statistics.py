@@ -154,9 +154,9 @@ def _far(
     total = 0
     histogram = np.zeros(len(EDGES) - 1, np.int64)
     for rows in cell_rows:
-        if count[rows.cell] < _ENOUGH:
-            continue
         powers, median = rows.median()
+        if count[rows.cell] < _ENOUGH or median.size == 0:
+            continue
         expected = powers @ parabola[rows.cell]
         residual = (median - expected) / max(scatter[rows.cell], _NOISE * expected.mean())
         histogram += np.histogram(np.clip(residual, EDGES[0], EDGES[-1]), EDGES)[0]

@@ -111,12 +111,14 @@ def _wait(group: Group, h: Any, scratch: FloatArray) -> None:
 @inlined_kernel
 def _commit_step(numbers: FloatArray, g: int, group: Group, dt: float, scratch: FloatArray) -> None:
     """Add up time and work; lanes that are not active, or have diverged, keep their last state."""
-    theta, omega, size = group.theta, group.omega, group.theta.size
+    theta, omega, size, n = group.theta, group.omega, group.theta.size, group.velocity.size
     step_theta, step_omega = scratch[Scratch.STEP_THETA], scratch[Scratch.STEP_OMEGA]
     active, diverged = numbers[Member.ACTIVE, g] > 0.0, numbers[Member.DIVERGED, g]
     sound = diverged == 0.0
-    for i in range(size):  # no comparison holds for NaN
+    for i in range(n):  # no comparison holds for NaN
         sound = sound & (abs(theta[i]) <= MAX_ANGLE) & (abs(omega[i]) <= MAX_SPEED)
+    for i in range(n, size):  # a cart may be anywhere; its numbers are finite if these are zero
+        sound = sound & (theta[i] - theta[i] == 0.0) & (omega[i] - omega[i] == 0.0)
     moves = active & sound
     numbers[Member.DIVERGED, g] = where(active ^ moves, 1.0, diverged)
     if any_of(where(moves, 0.0, 1.0) > 0.0):

@@ -24,7 +24,7 @@ class Driven(NamedTuple):
     function: int  # its address: see `npend_gym.compiled.callbacks`
     values: FloatArray  # what it has written last, (n + AFTER_TORQUES,)
     loads: FloatArray  # as `accelerations` takes them
-    broken: FloatArray  # instant at which it wrote what is not finite, (1,); else NaN
+    broken: FloatArray  # instant at which it wrote NaN or infinity for a finite state, (1,)
 
 
 class Sampled(NamedTuple):
@@ -89,7 +89,11 @@ def _by_function(
     for i in range(values.size):
         total += values[i]
     if not math.isfinite(total) and math.isfinite(t):
-        torque.broken[0] = t
+        diverged = 0.0  # NaN, where the state is not finite either
+        for i in range(q.size):
+            diverged += (q[i] - q[i]) + (u[i] - u[i])
+        if diverged == 0.0:
+            torque.broken[0] = t
     for i in range(loads.size):
         loads[i] = values[i]
     accelerate_base(chain, values[n + ACROSS], values[n + UP])

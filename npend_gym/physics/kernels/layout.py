@@ -30,7 +30,7 @@ from npend_gym.physics.kernels.rk4 import RK4_ROWS
 from npend_gym.physics.kernels.tensions import ChainArrays, any_positive
 from npend_gym.physics.kernels.turning_points import Record
 
-MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
+MAX_SPEED = 1e6  # rad/s; a rod beyond this, or beyond MAX_ANGLE, has diverged
 
 
 class MemberFields(NamedTuple):

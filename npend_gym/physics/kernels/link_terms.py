@@ -138,7 +138,7 @@ def count_terms(chains: ChainParameters) -> int:
 
 def check_terms(chains: ChainParameters, count: int) -> None:
     """Raise a ValueError where chains need more arrays than `count`."""
-    if count_terms(chains) > count:
+    if count_terms(chains) > count or (count == 1 and chains.has_drag):  # links alone have no drag
         raise ValueError(
             "chains of point masses cannot become links, nor links get friction, rotors or drag, "
             "while they are at work: begin with a chain that has these"

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.inputs import substeps_beyond
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
 from npend_gym.rl.evaluation.settings import EnvSetting
 
@@ -104,7 +105,8 @@ class Criterion:
 
     def largest_in(self, config: EnvConfig) -> float:
         """Return the largest error that is tried in an environment."""
-        return self.largest(config) if callable(self.largest) else self.largest
+        largest = self.largest(config) if callable(self.largest) else self.largest
+        return _checks.nonnegative_number("largest", largest)
 
     def groups(self, name: str, trial: Trial) -> list[RolloutGroup]:
         """Return the rollouts of the criterion `name`, a vector environment for each value."""
@@ -145,6 +147,8 @@ class WrongModel:
             # options give friction to environments alone that were made with some
             if parameter == "friction":
                 keywords["randomize"] = {parameter: {"low": 0.0, "high": float(tried.max())}}
+            elif needed := substeps_beyond(trial.config, {parameter: tried.reshape(-1, chain.n)}):
+                keywords["substeps"] = needed  # light short rods turn fast where damping is added
             group = RolloutGroup(
                 [f"{parameter}[{i}]" for i in rods for _ in range(values)],
                 np.concatenate([row[:, i] for row, i in zip(tried, rods, strict=True)]),

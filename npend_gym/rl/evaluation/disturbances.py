@@ -53,8 +53,13 @@ class DisturbedEnvs:
         self.disturbance: Disturbance = disturbance
         own = config.joints[config.joints < config.n].tolist()
         rest = [joint for joint in range(config.n) if joint not in own]
-        every = {"actuated": (*own, *rest), "max_torque": 2.0 * config.max_torque}
+        every: dict[str, Any] = {"actuated": (*own, *rest), "max_torque": 2.0 * config.max_torque}
         every |= {"difficulty": None, "torque_levels": None}
+        drawn: Any = config.randomize or {}
+        ends = drawn.get("max_torque")
+        if hasattr(ends, "keys"):  # values, not factors
+            doubled = {end: 2.0 * np.asarray(ends[end]) for end in ("low", "high")}
+            every["randomize"] = {**drawn, "max_torque": doubled}
         if config.has_cart:
             every["max_force"] = config.max_force
         self._envs = setting.make(num_envs, **every)

@@ -49,8 +49,7 @@ def as_controller(
         wrappers = trained_through(model, config)
         if all(map(is_normalizing, wrappers)):
             check_space(model, config)
-    if any(map(_is_new, wrappers)) and getattr(model, "num_timesteps", 1) > 0:
-        raise _without_statistics(model)
+    check_statistics(model, wrappers)
     return Behind(Predicting(model), wrappers)
 
 
@@ -142,6 +141,12 @@ def trained_through(model: Any, config: EnvConfig) -> tuple[Any, ...]:
     if not any(map(is_normalizing, wrappers)) and _saw_normalised(model, config):
         raise _without_statistics(model)
     return wrappers
+
+
+def check_statistics(model: Any, wrappers: Sequence[Any]) -> None:
+    """Raise an error if a trained model would observe through a normalisation that saw nothing."""
+    if any(map(_is_new, wrappers)) and getattr(model, "num_timesteps", 1) > 0:
+        raise _without_statistics(model)
 
 
 def _without_statistics(model: Any) -> ValueError:

@@ -172,9 +172,10 @@ def robustness(
     1.0
     """
     _check_criteria(criteria)
-    _checks.count("seed", seed, low=0)
-    _checks.count("values", values, low=2)
-    _checks.count("repetitions", repetitions)
+    seed = _checks.count("seed", seed, low=0)
+    values = _checks.count("values", values, low=2)
+    repetitions = _checks.count("repetitions", repetitions)
+    seconds = _checks.positive_number("seconds", seconds)
     setting = setting_of(env)
     nominal, config, steps = setting.nominal(seconds)
     at_the_end = copy.copy(config.mode)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
+import importlib
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
 
 from npend_gym import _checks
 from npend_gym._threads import one_torch_thread
@@ -50,7 +54,7 @@ class EnvSetting(NamedTuple):
         register_envs()
         keywords = self.keywords | changed
         try:
-            envs: Any = gym.make_vec(self.env_id, num_envs=num_envs, **keywords)
+            envs: Any = gym.make_vec(_registered(self.env_id), num_envs=num_envs, **keywords)
         except TypeError:
             if keywords:
                 EnvSetting(self.env_id, {}).make(1).close()  # says so where it is none of ours
@@ -64,6 +68,12 @@ class EnvSetting(NamedTuple):
                     'with vector_entry_point="npend_gym:NPendulumVectorEnv"'
                 )
             raise _no_setting(self.env_id)
+        if envs.metadata["autoreset_mode"] is not AutoresetMode.NEXT_STEP:
+            envs.close()
+            raise ValueError(
+                "env must be an id of environments with the autoreset mode NEXT_STEP, got "
+                f"{envs.metadata['autoreset_mode']} from {self.env_id!r}"
+            )
         return envs
 
     @property
@@ -87,17 +97,17 @@ class EnvSetting(NamedTuple):
         Nothing is drawn there by `randomize`; noise, delays and pushes that are plain keywords are
         kept. Episodes last for `seconds`.
         """
-        given = self.keywords
-        if given.get("observe_context", False):
+        given = self.config
+        if given.observe_context:
             raise ValueError(
                 "observe_context must be False, because scores try errors that no model observes"
             )
-        if given.get("goal_env", False):
+        if given.goal_env:
             raise ValueError("goal_env must be False, because models must observe one array")
         exact: dict[str, Any] = {"randomize": None}
-        if not _PUSHES.isdisjoint(given.get("randomize") or ()):  # half of a pair would be left
+        if not _PUSHES.isdisjoint(given.randomize or ()):  # half of a pair would be left
             exact |= dict.fromkeys(_PUSHES, 0.0)
-        setting = self._replace(keywords=given | exact)
+        setting = self._replace(keywords=self.keywords | exact)
         config = setting.config
         if config.joints.size == 0:
             raise ValueError(f"mode must be one with a motor, got {config.mode.name!r}")
@@ -128,7 +138,8 @@ def setting_of(env: EnvLike) -> EnvSetting:
     steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
     limits: list[Any] = [getattr(each, _LIMIT, None) for each in layers_of(env)]
     steps = steps or min((limit for limit in limits if limit), default=None)
-    steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
+    if not hasattr(base, "max_episode_steps"):
+        steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
     keywords = keywords_of(config) | {"max_episode_steps": steps}
     return EnvSetting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
 
@@ -144,6 +155,20 @@ def _no_setting(env: EnvLike) -> TypeError:
 def _without_making(keywords: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keywords of the environments, without those that a judge chooses itself."""
     return {name: value for name, value in keywords.items() if name not in _OF_MAKING}
+
+
+def _registered(env_id: str) -> str | EnvSpec:
+    """Return an id, or its specification without keywords that a judge chooses itself."""
+    module, _, name = str(env_id).rpartition(":")
+    if module:
+        with contextlib.suppress(ImportError):  # gym.make_vec says so
+            importlib.import_module(module)
+    found = gym.registry.get(name)
+    if found is None or not found.kwargs.keys() & _OF_MAKING:
+        return env_id
+    spec = copy.copy(found)
+    spec.kwargs = _without_making(found.kwargs)
+    return spec
 
 
 def number_of_steps(name: str, seconds: Any, dt: float) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._provenance import provenance
-from npend_gym.rl.evaluation.models import check_space, trained_through
+from npend_gym.rl.evaluation.models import check_space, check_statistics, trained_through
 from npend_gym.rl.evaluation.settings import EnvLike, env_of, setting_of
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
@@ -24,14 +24,16 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
             "env must be given for a model without its environment: from_sb3(model, env), with "
             "the id or the keywords of gym.make_vec"
         )
-    config = setting_of(trained_in if env is None else env).config
+    setting = setting_of(trained_in if env is None else env)
+    config = setting.config
     if config.goal_env:
         raise ValueError("goal_env must be False, because policies observe one array")
     check_space(model, config)
     network = _network_of(model)
     scale, offset = np.ones(config.observed, np.float32), None
     limit = np.inf
-    for wrapper in trained_through(model, config):
+    wrappers = setting.wrappers or trained_through(model, config)
+    for wrapper in wrappers:
         statistics: Any = getattr(wrapper, "obs_rms", None)
         if type(wrapper).__name__ != "VecNormalize" or isinstance(statistics, dict):
             raise ValueError(
@@ -41,6 +43,7 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
         if wrapper.norm_obs:
             scale = np.sqrt(statistics.var + wrapper.epsilon).astype(np.float32)
             offset, limit = statistics.mean.astype(np.float32), float(wrapper.clip_obs)
+    check_statistics(model, wrappers)
     shapes = network["weights"][0].shape[1], network["weights"][-1].shape[0]
     if shapes != (config.observed, config.joints.size):
         raise ValueError(
@@ -67,6 +70,9 @@ def _network_of(model: Any) -> dict[str, Any]:
         raise _not_layers(name, extractor)
     if not hasattr(model.action_space, "low"):
         raise _not_layers(name, "discrete actions")
+    low, high = model.action_space.low, model.action_space.high
+    if np.any(low != -1.0) or np.any(high != 1.0):
+        raise _not_layers(name, f"actions from {_checks.show(low)} to {_checks.show(high)}")
     if hasattr(policy, "mlp_extractor"):
         modules: list[Any] = [*policy.mlp_extractor.policy_net, policy.action_net]
     else:

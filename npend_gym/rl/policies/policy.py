@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,11 +108,19 @@ class Policy:
     def __post_init__(self) -> None:
         functions = check_functions(self._functions)
         object.__setattr__(self, "limit", functions["limit"])  # no scalar of NumPy
+        for name in ("env", "provenance"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise TypeError(f"{name} must be a dict, got {_checks.show(getattr(self, name))}")
         for name in _RESERVED & self.provenance.keys():
             raise ValueError(f"provenance[{name!r}] must be left out: a file has its own")
-        numbers = {"scale": self.scale, "weights": self.weights, "biases": self.biases}
-        for name, given in (numbers | {"offset": self.offset}).items():
-            object.__setattr__(self, name, _as_float32(given))  # as a file holds them
+        for name in ("scale", "offset"):
+            given = getattr(self, name)
+            if name == "scale" or given is not None:
+                object.__setattr__(self, name, _as_float32(name, given))
+        for name in ("weights", "biases"):
+            layers = _checks.listed(name, getattr(self, name), "[first, second]")
+            arrays = [_as_float32(f"{name}[{k}]", each) for k, each in enumerate(layers)]
+            object.__setattr__(self, name, arrays)
         check_network((self.scale, self.weights, self.biases), self.offset, functions)
         history = None
         if self.scale.ndim == 2:
@@ -387,8 +395,14 @@ class Policy:
         return cls.load(pretrained_path(name))
 
 
-def _as_float32(given: Any) -> Any:
-    """Return an array, or each array of a list, as float32; None as it is."""
-    if isinstance(given, list):
-        return [_as_float32(each) for each in cast("list[Any]", given)]
-    return given if given is None else np.asarray(given, np.float32)
+def _as_float32(name: str, given: Any) -> Float32Array:
+    """Return numbers as an array of float32, as a file holds them, that nothing else changes."""
+    try:
+        raw = np.asarray(given)
+    except ValueError:  # lists of different lengths
+        raw = np.asarray(None)
+    if raw.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be an array of numbers, got {_checks.show(given)}")
+    array = np.array(raw, np.float32)
+    array.setflags(write=False)
+    return array

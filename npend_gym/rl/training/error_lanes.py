@@ -154,11 +154,13 @@ class ErrorLanes:
         """Begin an episode in every lane, where lane k has the seed ``seed + k``.
 
         Some groups are given other chains, drawn from `chains`; the first of these changes nothing.
-        `starts` has options of all lanes.
+        `starts` has options of all lanes, which hold in their later episodes too.
         """
         self.which[:], given = 0, list[dict[str, Any]]()
         for k, (part, name) in enumerate(zip(self.parts, self.names, strict=True)):
             options: dict[str, Any] = {key: value[part] for key, value in (starts or {}).items()}
+            if options:  # plans and chains that an expert has are those of all episodes
+                options["persist"] = True
             if name == PUSHES:
                 self.lanes.envs[k].disturbance = self._pulses(k, seed + int(part[0]))
             if name in (CHAIN, SEVERAL) and len(chains) > 1:

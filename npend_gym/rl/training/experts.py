@@ -161,9 +161,31 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
     if settings.rescuer == "mpc":
         return Rescued(plans, Replanning(config, plans), settings.lost)
     if settings.rescuer:
-        policy = find_policy(settings.rescuer)
+        policy = rescuing_policy(settings.rescuer, config)
         return Rescued(plans, PolicyRescuer(policy, settings.lost), settings.lost)
     return plans
+
+
+def rescuing_policy(name: str, config: EnvConfig) -> Policy:
+    """Return the policy of a rescuer, or say why it cannot act in an environment."""
+    policy = find_policy(name)
+    own = policy.config
+    if policy.has_memory or own.observe_context or own.observes_goals:
+        raise ValueError(
+            "rescuer must be a policy that observes the present state alone, without memory, goal "
+            f"and context, got {name!r}"
+        )
+    kinds = [
+        (each.n, each.has_cart, each.joints.tolist(), each.action_limits.tolist())
+        for each in (own, config)
+    ]
+    if kinds[0] != kinds[1]:
+        rods, cart, joints, limits = kinds[0]
+        raise ValueError(
+            "rescuer must be a policy of the same number of rods, cart, motors and limits, got "
+            f"{name!r} with n={rods}, cart={cart}, motors {joints}, limits {limits}"
+        )
+    return policy
 
 
 def _transition(settings: Any, config: EnvConfig, pair: Pair) -> PlannedTransition:

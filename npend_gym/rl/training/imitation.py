@@ -41,7 +41,7 @@ from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import ErrorLanes, check_errors
-from npend_gym.rl.training.experts import Expert, expert_of
+from npend_gym.rl.training.experts import Expert, expert_of, rescuing_policy
 from npend_gym.rl.training.goal_networks import GoalNetworks
 from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
@@ -288,6 +288,8 @@ def train(
             f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '
             f'got "{settings.rescuer}"'
         )
+    if settings.rescuer not in ("", "mpc"):
+        rescuing_policy(settings.rescuer, config)
     goals_end_inputs = config.mode.has_goals and not config.observe_context
     if settings.by_goal and not (goals_end_inputs and settings.length == 1):
         raise ValueError(

@@ -11,7 +11,7 @@ import numpy as np
 
 from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
-from npend_gym.chain import Chain, plain_keywords
+from npend_gym.chain import Chain, check_parameter, plain_keywords
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import TASKS as REGISTERED
 from npend_gym.rl.evaluation.seeds import training_seed
@@ -74,7 +74,8 @@ ROBUST: dict[str, Any] = {
 _SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
 
 
-_WORDS = {"robust", "recovery", "pendubot", "acrobot", "cart"}  # at the end of a task's name
+_MACHINES = "pendubot", "acrobot", "cart"
+_WORDS = (*_MACHINES, "robust", "recovery")  # at the end of a task's name, in this order
 
 
 def _variant(word: str, n: int) -> dict[str, Any]:
@@ -110,12 +111,14 @@ def env_of_task(task: str) -> dict[str, Any]:
     """
     text = task if isinstance(task, str) else ""  # pyright: ignore[reportUnnecessaryIsInstance]
     mode, n, *words = [*text.split("-"), ""][: max(2, text.count("-") + 1)]
-    known = mode in MODES and n.isdecimal() and _WORDS.issuperset(words)
-    if not known or int(n) == 0:
+    known = mode in MODES and n.isdecimal() and n == str(int(n)) != "0"
+    if not known or words != [word for word in _WORDS if word in words]:
         raise ValueError(
             'task must be like "swingup-2" or "swingup-2-robust", with at least one rod, '
-            f"got {_checks.show(task)}"
+            f"got {_checks.show(task)}; words come once, in the order {', '.join(_WORDS)}"
         )
+    if len(machines := [word for word in words if word in _MACHINES]) > 1:
+        raise ValueError(f"task must be for one of {', '.join(machines)}, got {task!r}")
     keywords: dict[str, Any] = {}
     for word in words:
         if word in ("pendubot", "acrobot") and n != "2":
@@ -203,5 +206,13 @@ def env_around(path: Path, deviations: float = 2.0) -> dict[str, Any]:
         value, away = getattr(chain, name), deviations * np.nan_to_num(spread)
         low = value - away if name == "centres" else np.maximum(value - away, 0.0)
         if away.any():
+            try:
+                check_parameter(f"the low end of {name}", low)
+            except ValueError as error:
+                raise ValueError(
+                    f"{path} leaves {name} too uncertain to be drawn within {deviations:g} "
+                    f"standard errors, got {_checks.show(value.tolist())} +- "
+                    f"{_checks.show(spread.tolist())}: {error}; identify it from more data"
+                ) from error
             ranges[name] = {"low": low.tolist(), "high": (value + away).tolist()}
     return {"chain": chain.as_dict(), "randomize": ranges}
