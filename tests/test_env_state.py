@@ -205,7 +205,13 @@ def test_what_is_no_state_of_this_environment_is_refused_and_nothing_has_changed
 
 
 KINDS = {
-    "links on a cart": {"base": "cart", "inertias": 0.1, "friction": 0.1, "armature": 0.01},
+    "links on a cart": {
+        "base": "cart",
+        "inertias": 0.1,
+        "friction": 0.1,
+        "armature": 0.01,
+        "randomize": {"masses": (0.8, 1.2), "max_force": (0.5, 1.0)},
+    },
     "motors and sensors": {"action_delay": 1.5, "motor_lag": 0.1, "observation_delay": 2.5},
     "goals": {"mode": "transition"},
 }
