@@ -19,7 +19,7 @@ from npend_gym.envs.goals import check_different, checked_equilibrium
 from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.physics.arguments import warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.link_terms import count_terms
+from npend_gym.physics.kernels.link_terms import count_terms, loses_drag
 from npend_gym.physics.substeps import MAX_SUBSTEPS, substeps_of
 
 MAX_LANES = 10_000_000
@@ -228,7 +228,7 @@ def _check_changes(config: EnvConfig, changes: Mapping[str, FloatArray]) -> None
     lanes = len(next(iter(changes.values())))
     chain, made_for = config.chain, count_terms(config.randomization.with_all_features)
     changed = chain.repeated(lanes, **changes)
-    lost = made_for == 1 and chain.base is None and changed.has_drag  # which links alone lack
+    lost = chain.base is None and loses_drag(changed, made_for)  # a cart has place for it
     if lost or count_terms(changed) > made_for:
         alone = {k: count_terms(chain.repeated(lanes, **{k: v})) for k, v in changes.items()}
         name = next((k for k, count in alone.items() if count > made_for), next(iter(changes)))

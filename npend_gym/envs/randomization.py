@@ -54,7 +54,8 @@ class Randomization(NamedTuple):
             for corner in self.corners
         )
         corners = [corner.changed(changes) for corner in repeated]
-        check_heights(*(corners[1:3] or corners * 2))
+        low, high = corners[1:3] or corners * 2  # without ranges both are the chain as made
+        check_heights(low, high)
         return corners
 
     @property

@@ -29,8 +29,12 @@ def bodies(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
 
     Links are bodies where the mass of one is spread, or not at its end. Pictures show them as bars.
     """
-    shown = bool(np.any(chain.inertias) or np.any(chain.centres != chain.lengths))
-    return centres(chain, theta) if shown else np.empty((*theta.shape[:-1], 0, 2))
+    return centres(chain, theta) if has_bodies(chain) else np.empty((*theta.shape[:-1], 0, 2))
+
+
+def has_bodies(chain: Chain | ChainParameters) -> bool:
+    """Return whether links are bodies, see `bodies`."""
+    return bool(np.any(chain.inertias) or np.any(chain.centres != chain.lengths))
 
 
 def velocities(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_chain
 from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
-from npend_gym.physics.kernels.link_terms import Base, count_terms
+from npend_gym.physics.kernels.link_terms import Base, terms_of_each
 from npend_gym.physics.kernels.springs import spring_arrays
 
 MAX_VIBRATIONS = 1e9  # along the rods, in the time that is simulated
@@ -55,8 +55,7 @@ class Mechanism(NamedTuple):
         """What tells which kernel each chain has alone; empty where all have the same."""
         if self.springs is not None or self.base is not None or len(self.parameters.masses) == 1:
             return []
-        each = zip(*(values[:, None] for values in self.parameters), strict=True)
-        return [count_terms(ChainParameters(*own)) for own in each]
+        return terms_of_each(self.parameters).tolist()
 
     def of(self, lanes: NDArray[np.int64]) -> Mechanism:
         """Return the chains of these motions."""

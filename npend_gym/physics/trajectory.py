@@ -221,8 +221,7 @@ class Trajectory:
 
     def bodies(self) -> FloatArray:
         """Return `centres` where links are bodies, for pictures; for point masses (T, 0, 2)."""
-        start = self.theta[..., :1, :]
-        if any(_energy.bodies(chain, start).size for chain in self.chains or (self.chain,)):
+        if any(map(_energy.has_bodies, self.chains or (self.chain,))):
             return self.centres()
         return np.empty((*self.theta.shape[:-1], 0, 2))
 

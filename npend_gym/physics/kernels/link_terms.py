@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.jit import inlined_kernel, kernel
@@ -132,13 +133,28 @@ def _fill_terms(chains: FloatArray, links: FloatArray, joints: FloatArray) -> No
 
 def count_terms(chains: ChainParameters) -> int:
     """Return how many arrays `model_terms` makes of chains whose base rests: 0, 1 or 3."""
-    machinery = (chains.friction, chains.armature, chains.drag, chains.quadratic_drag)
-    return 0 if chains.is_ideal else 3 if any(np.any(values) for values in machinery) else 1
+    return 0 if chains.is_ideal else 3 if _have_machinery(chains).any() else 1
+
+
+def terms_of_each(chains: ChainParameters) -> NDArray[np.int64]:
+    """Return `count_terms` of each chain alone, (B,)."""
+    ideal = chains.has_bobs & ~np.any(chains.friction, axis=-1)
+    return np.where(ideal, 0, np.where(_have_machinery(chains), 3, 1))
+
+
+def _have_machinery(chains: ChainParameters) -> BoolArray:
+    machinery = chains.friction, chains.armature, chains.drag, chains.quadratic_drag
+    return np.any([np.any(values, axis=-1) for values in machinery], axis=0)
+
+
+def loses_drag(chains: ChainParameters, count: int) -> bool:
+    """Return whether drag of the chains has no place in `count` arrays: in those of mere links."""
+    return count == 1 and chains.has_drag
 
 
 def check_terms(chains: ChainParameters, count: int) -> None:
     """Raise a ValueError where chains need more arrays than `count`."""
-    if count_terms(chains) > count or (count == 1 and chains.has_drag):  # links alone have no drag
+    if count_terms(chains) > count or loses_drag(chains, count):
         raise ValueError(
             "chains of point masses cannot become links, nor links get friction, rotors or drag, "
             "while they are at work: begin with a chain that has these"
