@@ -7,18 +7,19 @@ one signature in C, so that the kernels that call it are compiled once for all f
 # Numba's stubs leave parts unknown, and functions of users have no types
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false
-# ruff: noqa: ARG001  Numba hands these functions more than they need
+
 from __future__ import annotations
 
 import ctypes
 import dis
 from collections.abc import Callable, Mapping
 from types import CodeType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel
 
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 _IN_C = ctypes.CFUNCTYPE(
@@ -127,68 +128,35 @@ def _assigns_outside(code: Any) -> bool:
     )
 
 
-if TYPE_CHECKING:
+def _in_c(writer: Any, entries: int) -> Any:
+    """Return a writer of machine code as a function that C can call."""
+    from numba import carray, cfunc, types
 
-    def _in_c(writer: Any, entries: int) -> Any:
-        """Return a writer of machine code as a function that C can call."""
+    doubles = types.CPointer(types.float64)
+    arguments = types.float64, doubles, doubles, doubles, types.int64, types.int64
 
-    def call_function(
-        address: int, t: float, q: FloatArray, u: FloatArray, out: FloatArray, m: int, n: int
-    ) -> None:
-        """Call the function that stands at `address`; the arrays are contiguous."""
+    @cfunc(types.void(*arguments))
+    def in_c(t, q, u, out, m, n):
+        values = carray(out, (n + entries,))
+        try:
+            writer(t, carray(q, (m,)), carray(u, (m,)), values)
+        except Exception:  # noqa: BLE001 - told from NaN where the kernel returns
+            values[:] = np.nan
 
-else:
-    from llvmlite import ir
-    from numba import config, types
-    from numba.core.typing import signature
-    from numba.extending import intrinsic
+    return in_c
 
-    from npend_gym.compiled.jit import inlined_kernel
 
-    def _in_c(writer, entries):
-        """Return a writer of machine code as a function that C can call."""
-        from numba import carray, cfunc
+def call_address(
+    address: int, t: float, q: FloatArray, u: FloatArray, out: FloatArray, m: int, n: int
+) -> None:
+    """Call the function that stands at `address`; the arrays are contiguous."""
+    pointers = (array.ctypes.data_as(_DOUBLES) for array in (q, u, out))
+    _IN_C(address)(t, *pointers, m, n)
 
-        doubles = types.CPointer(types.float64)
-        arguments = types.float64, doubles, doubles, doubles, types.int64, types.int64
 
-        @cfunc(types.void(*arguments))
-        def in_c(t, q, u, out, m, n):
-            values = carray(out, (n + entries,))
-            try:
-                writer(t, carray(q, (m,)), carray(u, (m,)), values)
-            except Exception:  # noqa: BLE001 - told from NaN where the kernel returns
-                values[:] = np.nan
-
-        return in_c
-
-    @intrinsic
-    def _call_address(typingctx, address, t, q, u, out, m, n):
-        def codegen(context, builder, sig, args):
-            number, pointer = ir.DoubleType(), ir.DoubleType().as_pointer()
-            count = ir.IntType(64)
-            kind = ir.FunctionType(ir.VoidType(), [number, pointer, pointer, pointer, count, count])
-            function = builder.inttoptr(args[0], kind.as_pointer())
-            data = [
-                context.make_array(array)(context, builder, value).data
-                for array, value in zip(sig.args[2:5], args[2:5], strict=True)
-            ]
-            builder.call(function, [args[1], *data, *args[5:]])
-            return context.get_dummy_value()
-
-        counts = types.int64, types.int64
-        return signature(types.none, types.int64, types.float64, q, u, out, *counts), codegen
-
-    if config.DISABLE_JIT:
-
-        def call_function(address, t, q, u, out, m, n):
-            """Call the function that stands at `address`."""
-            pointers = (array.ctypes.data_as(_DOUBLES) for array in (q, u, out))
-            _IN_C(address)(t, *pointers, m, n)
-
-    else:
-
-        @inlined_kernel
-        def call_function(address, t, q, u, out, m, n):
-            """Call the function that stands at `address`."""
-            _call_address(address, t, q, u, out, m, n)
+@inlined_kernel
+def call_function(
+    address: int, t: float, q: FloatArray, u: FloatArray, out: FloatArray, m: int, n: int
+) -> None:
+    """Call the function that stands at `address`; the arrays are contiguous."""
+    call_address(address, t, q, u, out, m, n)

@@ -23,6 +23,7 @@ from typing import Any
 from llvmlite import binding
 from numba.core import compiler
 from numba.core.codegen import JITCodeLibrary
+from numba.core.runtime import rtsys
 
 _NUMBERS = count()
 # LLVM's older passes, of Numba before 0.62, need all that Numba does
@@ -86,7 +87,12 @@ class _InnerLibrary(_Library):
         self.outlined: dict[Any, None] = {}  # what kernels must link beside it, in order
 
     def add_linking_library(self, library: Any) -> None:
-        """Link a function that is called, unless it is to stay whole."""
+        """Link a function that is called, unless it is to stay whole.
+
+        What counts references is left to the caller, too: it would be optimised in each function.
+        """
+        if library is rtsys.library:
+            return
         self.outlined |= getattr(library, "outlined", {})
         if getattr(library, "stays_whole", False):
             self.outlined[library] = None
@@ -100,6 +106,46 @@ class _InnerLibrary(_Library):
                 stub = binding.parse_assembly(f'@"{variable.name}" = common global i64 0')
                 self._codegen._add_module(stub)
         self._finalized = True
+
+
+class _TextLibrary(_InnerLibrary):
+    """The text of a kernel for the library of its entry, which optimises both."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+
+class EntryLibrary(_KernelLibrary):
+    """The object file of a kernel and its entry, which alone can be called.
+
+    Parameters
+    ----------
+    codegen : object
+        Numba's.
+    symbol : str
+        Of the entry.
+    """
+
+    def __init__(self, codegen: Any, symbol: str) -> None:
+        super().__init__(codegen, symbol)
+        self.object: bytes = b""
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration:
+                function.linkage = "external" if function.name == self.name else "internal"
+        super()._optimize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        self.object = self._codegen._tm.emit_object(self._final_module)
+        self._finalized = True
+
+    @property
+    def calls(self) -> set[str]:
+        """Names of the functions that are not in the object."""
+        functions = self._final_module.functions
+        named = {each.name for each in functions if each.is_declaration}
+        return {name for name in named if not name.startswith("llvm.")}
 
 
 class _OutlinedLibrary(_InnerLibrary):
@@ -128,6 +174,12 @@ class KernelCompiler(compiler.Compiler):
             library = self.library_class(target.codegen(), name)
             library.enable_object_caching()
         super().__init__(typing, target, library, args, returns, Flags(flags), local_types)
+
+
+class TextCompiler(KernelCompiler):
+    """The compiler of kernels that are called by an entry."""
+
+    library_class: type[JITCodeLibrary] = _TextLibrary
 
 
 class InnerCompiler(KernelCompiler):

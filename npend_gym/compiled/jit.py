@@ -1,45 +1,26 @@
-"""The decorators of all compiled functions, their flags, and where the machine code is kept."""
+"""The decorators of all compiled functions.
+
+Numba is imported where something is compiled, and not before: kept machine code runs without it.
+"""
 
 from __future__ import annotations
 
+import inspect
 import os
-import tempfile
 from collections.abc import Callable, Mapping
-from pathlib import Path
+from functools import cached_property, update_wrapper
 from typing import TYPE_CHECKING, Any, TypeVar
-
-from npend_gym.compiled.sources import sources_digest
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
-PACKAGE = Path(__file__).parent.parent
-
-
-def cache_folder(package: Path, chosen: str) -> Path:
-    """Return the folder that keeps the machine code made from the sources in `package`.
-
-    Numba looks at the file that a function stands in, not at the files of the functions that it
-    calls: an edit or an upgrade of one kernel file would leave stale machine code of another in
-    use. Each state of the sources therefore has a folder of its own: in the one that was `chosen`
-    (NUMBA_CACHE_DIR), else beside the sources, else, where these are read-only, in the user's
-    cache.
-    """
-    if chosen:
-        base = Path(chosen)
-    elif os.access(package, os.W_OK):
-        base = package / "__pycache__"
-    else:
-        try:
-            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        except RuntimeError:  # there is no home
-            base = Path(tempfile.gettempdir())
-    return base / f"npend_gym-{sources_digest(package)}"
+# As Numba reads it; kernels are functions of Python then
+UNCOMPILED = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 if TYPE_CHECKING:
 
     def kernel(function: _F) -> _F:
-        """Compile `function` with Numba."""
+        """Compile `function`, which Python and other kernels call."""
         return function
 
     def inner_kernel(function: _F) -> _F:
@@ -76,87 +57,94 @@ if TYPE_CHECKING:
         return lambda function: function
 
 else:
-    import inspect
+    from npend_gym.compiled.native import Kernel
 
-    from numba import config, njit, types
-    from numba.core.typing.templates import AbstractTemplate, infer_global
+    class Part:
+        """A function that kernels call, and Python does not.
 
-    from npend_gym.compiled.inner import InnerCompiler, KernelCompiler, OutlinedCompiler
-    from npend_gym.compiled.machine_code import CheckedCache
-    from npend_gym.compiled.notice import announce_first_compilation
+        Parameters
+        ----------
+        function : function
+        options : mapping
+            Of Numba's ``njit``.
+        stays_whole : bool
+            Whether it is one function in the machine code of its callers.
+        """
 
-    announce_first_compilation()
-    _FOLDER = cache_folder(PACKAGE, config.CACHE_DIR)
-    # nogil: other Python threads run on while a kernel does.
-    # error_model: 1/0 is inf as in C, without the branch that stops vectorisation.
-    # fastmath stays off: it reorders sums, and the bits would depend on the machine.
-    # C calls no kernel, for which Numba would wrap it.
-    _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-    # a wrapper for Python would cost more to compile than the function itself
-    _INNER = {**_OPTIONS, "no_cpython_wrapper": True}
+        def __init__(self, function, options, *, stays_whole=False):
+            update_wrapper(self, function)
+            self.py_func = function
+            self.targetoptions = options  # Numba asks it whether the text is copied into callers
+            self.stays_whole = stays_whole
+
+        @cached_property
+        def _numba_type_(self):
+            """What Numba takes it for."""
+            from npend_gym.compiled.compiling import type_of_part
+
+            return type_of_part(self)
+
+        def __call__(self, *arguments):
+            raise TypeError(f"{self.__qualname__} can be called by kernels alone")
+
+        def __reduce__(self):
+            return self.__qualname__
+
+    class Choice:
+        """A function whose text, in compiled code, is one of several.
+
+        Parameters
+        ----------
+        function : function
+        by_type : mapping
+            As for `chosen_by_type`.
+        place : int
+            Which argument decides.
+        """
+
+        def __init__(self, function, by_type, place):
+            update_wrapper(self, function)
+            self.by_type, self.place = by_type, place
+
+        @cached_property
+        def _numba_type_(self):
+            """What Numba takes it for."""
+            from npend_gym.compiled.compiling import type_of_choice
+
+            return type_of_choice(self)
+
+        def __call__(self, *arguments):
+            given = arguments[self.place]
+            entries = len(given) if isinstance(given, tuple) else 0
+            return self.by_type.get(type(given), self.by_type.get(entries))(*arguments)
 
     def kernel(function):
-        """Compile `function` with Numba."""
-        before, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)  # read when decorating
-        try:
-            compiled = njit(**_OPTIONS, pipeline_class=KernelCompiler)(function)
-            if not config.DISABLE_JIT:
-                compiled._cache = CheckedCache(function)  # noqa: SLF001 - once per machine
-            return compiled
-        finally:
-            config.CACHE_DIR = before
+        """Compile `function`, which Python and other kernels call."""
+        return function if UNCOMPILED else Kernel(function)
 
     def inner_kernel(function):
         """Compile `function` for other kernels."""
-        return njit(**_INNER, pipeline_class=InnerCompiler)(function)
+        return function if UNCOMPILED else Part(function, {})
 
     def inlined_kernel(function):
         """Compile `function` as a part of its callers: passing many arrays takes tens of ns."""
-        return njit(**_INNER, pipeline_class=InnerCompiler, forceinline=True)(function)
+        return function if UNCOMPILED else Part(function, {"forceinline": True})
 
     def outlined_kernel(function):
         """Compile `function` once for all its calls in a kernel."""
         # else it is inlined where the first caller that Numba sees is
-        return njit(**_INNER, pipeline_class=OutlinedCompiler, forceinline=False)(function)
+        options = {"forceinline": False}
+        return function if UNCOMPILED else Part(function, options, stays_whole=True)
 
     def spliced_kernel(function):
         """Compile `function` as if its text stood in its caller's."""
-        return njit(**_INNER, pipeline_class=InnerCompiler, inline="always")(function)
+        return function if UNCOMPILED else Part(function, {"inline": "always"})
 
     def chosen_by_type(argument, kernels):
         """Give the decorated function, in compiled code, the text of one of `kernels`."""
 
         def decorate(function):
-            function.by_type = kernels  # for `npend_gym.compiled.gpu`, which chooses by itself
             place = list(inspect.signature(function).parameters).index(argument)
-            if config.DISABLE_JIT:  # kernels are functions of Python then, and so is this
-
-                def run(*arguments):
-                    given = arguments[place]
-                    entries = len(given) if isinstance(given, tuple) else 0
-                    return kernels.get(type(given), kernels.get(entries))(*arguments)
-
-                return run
-
-            class Choice(AbstractTemplate):
-                """A call of the function, as Numba sees it: that of one of the kernels."""
-
-                key = function
-
-                def generic(self, arguments, keywords):
-                    given = arguments[place]
-                    kind = getattr(given, "instance_class", None) or getattr(given, "count", 0)
-                    chosen = types.Dispatcher(kernels[kind])
-                    found = chosen.get_call_type(self.context, arguments, keywords)
-                    self._found[found.args] = chosen.get_overload(found)
-                    return found
-
-                def get_impl_key(self, sig):
-                    return self._found[sig.args]
-
-                _found: dict = {}  # noqa: RUF012 - one for each function
-
-            infer_global(function, types.Function(Choice))
-            return function
+            return Choice(function, kernels, place)
 
         return decorate

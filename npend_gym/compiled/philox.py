@@ -12,10 +12,10 @@ are independent of each other, and what one purpose draws does not change what a
 Salmon, Moraes, Dror and Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC11 (2011).
 """
 
-# ruff: noqa: ARG001, ARG005  Numba hands these functions more than they need
+
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,56 +32,21 @@ _FACTOR_0, _FACTOR_1 = 0xD2E7470EE14C6C93, 0xCA5A826395121157
 _BUMP_LOW, _BUMP_HIGH = 0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B
 
 
-if TYPE_CHECKING:
+def word(number: float) -> int:
+    """Return a number as an unsigned integer of 64 bits, modulo 2^64."""
+    return int(number) & _MASK
 
-    def _word(number: float) -> int:
-        """Return a number as an unsigned integer of 64 bits, modulo 2^64."""
-        return int(number)
 
-    def _product(a: int, b: int) -> tuple[int, int]:
-        """Return the high and the low word of a product."""
-        return a, b
-
-else:
-    from llvmlite import ir
-    from numba import types
-    from numba.core.typing import signature
-    from numba.extending import lower_builtin, type_callable
-
-    def _word(number):
-        """Return a number as an unsigned integer of 64 bits, modulo 2^64."""
-        return int(number) & _MASK
-
-    def _product(a, b):
-        """Return the high and the low word of a product."""
-        return (a * b) >> 64, (a * b) & _MASK
-
-    @type_callable(_word)
-    def _type_of_word(context):
-        return lambda number: signature(types.uint64, types.unliteral(number))
-
-    @lower_builtin(_word, types.Number)
-    def _as_word(context, builder, sig, args):
-        return context.cast(builder, args[0], sig.args[0], types.uint64)
-
-    @type_callable(_product)
-    def _type_of_product(context):
-        words = types.UniTuple(types.uint64, 2)
-        return lambda a, b: signature(words, types.uint64, types.uint64)
-
-    @lower_builtin(_product, types.uint64, types.uint64)
-    def _wide_product(context, builder, sig, args):
-        wide, word = ir.IntType(128), ir.IntType(64)
-        product = builder.mul(*(builder.zext(factor, wide) for factor in args))
-        high = builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), word)
-        return context.make_tuple(builder, sig.return_type, (high, builder.trunc(product, word)))
+def product(a: int, b: int) -> tuple[int, int]:
+    """Return the high and the low word of a product."""
+    return (a * b) >> 64, (a * b) & _MASK
 
 
 @inlined_kernel
 def _round(c: tuple[int, int, int, int], low: int, high: int) -> tuple[int, int, int, int]:
     """Return the counter words after one round with the key (`low`, `high`)."""
-    high_0, low_0 = _product(_FACTOR_0, c[0])
-    high_1, low_1 = _product(_FACTOR_1, c[2])
+    high_0, low_0 = product(_FACTOR_0, c[0])
+    high_1, low_1 = product(_FACTOR_1, c[2])
     return high_1 ^ c[1] ^ low, low_1, high_0 ^ c[3] ^ high, low_0
 
 
@@ -104,18 +69,18 @@ def philox(
     -------
     tuple of four uint64
     """
-    low, high = _word(key_low), _word(key_high)
-    c = (_word(block + 1), _word(step), _word(purpose), _word(episode))
+    low, high = word(key_low), word(key_high)
+    c = (word(block + 1), word(step), word(purpose), word(episode))
     for _ in range(10):
         c = _round(c, low, high)
-        low, high = _word(low + _BUMP_LOW), _word(high + _BUMP_HIGH)
+        low, high = word(low + _BUMP_LOW), word(high + _BUMP_HIGH)
     return c
 
 
 @inlined_kernel
-def unit(word: int) -> float:
+def unit(number: int) -> float:
     """Return a word as a number in [0, 1), as NumPy's `Generator.random` does: its 53 high bits."""
-    return (_word(word) >> 11) * 2.0**-53
+    return (word(number) >> 11) * 2.0**-53
 
 
 @kernel

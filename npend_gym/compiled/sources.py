@@ -6,15 +6,45 @@ of any such module must therefore lead to new machine code.
 
 from __future__ import annotations
 
+import os
 import re
+import tempfile
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
+PACKAGE = Path(__file__).parent.parent
 _IMPORT = re.compile(
     r"^[ \t]*(?:from ([\w.]+) import (?:\(([^)]*)\)|([^\n#]*))|import ([\w.]+))", re.MULTILINE
 )
 _COMMENT = re.compile(r"#[^\n]*")
 _DECORATORS = b"compiled.jit import"  # in every file that defines kernels
+
+
+def cache_folder(package: Path, chosen: str) -> Path:
+    """Return the folder that keeps the machine code made from the sources in `package`.
+
+    A kernel is made of the functions that it calls, too: an edit or an upgrade of one kernel file
+    would leave stale machine code of another in use. Each state of the sources therefore has a
+    folder of its own: in the one that was `chosen` (NUMBA_CACHE_DIR), else beside the sources,
+    else, where these are read-only, in the user's cache.
+    """
+    if chosen:
+        base = Path(chosen)
+    elif os.access(package, os.W_OK):
+        base = package / "__pycache__"
+    else:
+        try:
+            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        except RuntimeError:  # there is no home
+            base = Path(tempfile.gettempdir())
+    return base / f"npend_gym-{sources_digest(package)}"
+
+
+@cache
+def code_folder() -> Path:
+    """Return the folder of the machine code of this package."""
+    return cache_folder(PACKAGE, os.environ.get("NUMBA_CACHE_DIR", ""))
 
 
 def sources_digest(package: Path) -> str:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from scipy.optimize import brentq
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -255,6 +254,8 @@ def _occurrences(event: Watched, last: float, steps: TakenSteps) -> Looked:
     steps, or NaN if the motion begins there. A value of zero has no sign: a motion that begins
     there is no event, and one that comes there is.
     """
+    from scipy.optimize import brentq
+
     count, half = len(steps.begin), steps.states.shape[1] // 2
     x = np.linspace(0.0, 1.0, _PARTS + 1)
     index = np.arange(count)[:, None] + np.zeros(_PARTS + 1, np.int64)

@@ -6,13 +6,10 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh_tridiagonal
-from scipy.special import ellipkm1
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain, check_hung
-from npend_gym.theory.rope import SLOWEST, com_ratio
 
 MAX_TERMS = 100_000  # of the amplitude series
 _SMALL, _ENOUGH = 0.05, 6  # rad, below which the limit less 1 would lose digits; terms there
@@ -102,6 +99,8 @@ def pendulum_factor(amplitude: ArrayLike) -> FloatArray:
     >>> theory.pendulum_factor([0.0, np.pi / 2]).round(4).tolist()
     [1.0, 1.1803]
     """
+    from scipy.special import ellipkm1
+
     # K of the modulus sin(a/2), by what is left to 1 of its square: exact near pi too
     left = np.cos(0.5 * _within_pi("amplitude", amplitude)) ** 2
     return np.asarray(2.0 * ellipkm1(left) / np.pi)
@@ -158,6 +157,8 @@ def uniform_frequencies(
     >>> theory.uniform_frequencies(3).round(4).tolist()
     [2.0196, 4.7441, 7.8552]
     """
+    from scipy.linalg import eigh_tridiagonal
+
     n = _checks.count("n", n, high=MAX_DENSE)
     zeros = eigh_tridiagonal(2.0 * np.arange(n) + 1.0, np.arange(1.0, n), eigvals_only=True)
     length = _checks.positive_number("length", length)
@@ -191,6 +192,8 @@ def large_n_period(
     >>> round(theory.large_n_period(100), 3), round(exact, 3)
     (16.725, 16.725)
     """
+    from npend_gym.theory.rope import SLOWEST
+
     n = _checks.count("n", n, high=10**30)
     limit = 2.0 / SLOWEST * single_period(length, gravity) * math.sqrt(n + 0.5)
     if _checks.count("terms", terms, high=2) == 1:
@@ -233,5 +236,7 @@ def large_n_com_period(
     >>> float(theory.large_n_com_period(100, np.pi / 4).round(4))
     17.1982
     """
+    from npend_gym.theory.rope import com_ratio
+
     limit = com_ratio() * large_n_period(n, length, gravity)
     return limit * pendulum_factor(amplitude)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import eigh, eigh_tridiagonal, svd
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
@@ -45,6 +44,8 @@ def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
     >>> omega.round(4).tolist(), modes.shape
     ([2.3972, 5.7874], (2, 2))
     """
+    from scipy.linalg import eigh, eigh_tridiagonal, svd
+
     check_hung(chain, "normal_modes")
     _checks.count("n", chain.n, high=MAX_DENSE)
     if chain.has_bobs:
@@ -136,15 +137,6 @@ def _any_above(chains: ChainParameters, mu: float, *forces: FloatArray) -> BoolA
 
 
 def _frequency(chain: Chain, k: int) -> float:
-    if chain.has_bobs:
-        diagonal, beside = _stiffness(chain)
-        if chain.n == 1:  # older SciPy refuses matrices of one entry
-            return math.sqrt(float(diagonal[0]))
-        (square,) = eigh_tridiagonal(
-            diagonal, beside, eigvals_only=True, select="i", select_range=(k, k), tol=0.0
-        )
-        if square >= _SPREAD * diagonal.max():
-            return math.sqrt(square)
     none = np.zeros(chain.n)
     return math.sqrt(_eigenvalue(chain, k, chain.gravity * np.abs(chain.lift), none, none))
 
