@@ -16,7 +16,7 @@ from scripts import run_python
 
 import npend_gym
 from npend_gym.compiled import notice
-from npend_gym.compiled.jit import PACKAGE, cache_folder
+from npend_gym.compiled.sources import PACKAGE, cache_folder
 
 FACES = (
     "npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl", "npend_gym.experiments",

@@ -84,7 +84,8 @@ else:
 
             return type_of_part(self)
 
-        def __call__(self, *arguments):
+        def __call__(self, *_arguments):
+            """Say that this is a part of kernels."""
             raise TypeError(f"{self.__qualname__} can be called by kernels alone")
 
         def __reduce__(self):
@@ -114,6 +115,7 @@ else:
             return type_of_choice(self)
 
         def __call__(self, *arguments):
+            """Call the function for the type of the argument, where nothing is compiled."""
             given = arguments[self.place]
             entries = len(given) if isinstance(given, tuple) else 0
             return self.by_type.get(type(given), self.by_type.get(entries))(*arguments)

@@ -106,6 +106,7 @@ class Kernel:
         self.hits: int = 0  # how much machine code was kept
 
     def __call__(self, *arguments: Any) -> Any:
+        """Run the machine code for arguments of this kind."""
         for loaded in self._loaded:
             if loaded.returns:
                 out = (ctypes.c_int64 * len(loaded.returns))()

@@ -12,7 +12,6 @@ are independent of each other, and what one purpose draws does not change what a
 Salmon, Moraes, Dror and Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC11 (2011).
 """
 
-
 from __future__ import annotations
 
 from typing import Any
@@ -84,11 +83,15 @@ def unit(number: int) -> float:
 
 
 @kernel
+def _fill_first_units(keys: Keys, step: int, purpose: int, episode: int, units: FloatArray) -> None:
+    for k in range(units.size):
+        units[k] = unit(philox(keys[0, k], keys[1, k], 0, step, purpose, episode)[0])
+
+
 def first_units(keys: Keys, step: int, purpose: int, episode: int) -> FloatArray:
     """Return the first number in [0, 1) of a stream, for each of `keys` (2, count): (count,)."""
     units = np.empty(keys.shape[1])
-    for k in range(units.size):
-        units[k] = unit(philox(keys[0, k], keys[1, k], 0, step, purpose, episode)[0])
+    _fill_first_units(keys, int(step), int(purpose), int(episode), units)
     return units
 
 

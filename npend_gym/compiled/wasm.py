@@ -25,8 +25,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from npend_gym import _files
-from npend_gym.compiled.jit import PACKAGE, cache_folder
 from npend_gym.compiled.machine_code import read_code
+from npend_gym.compiled.sources import PACKAGE, cache_folder
 
 _TRIPLE = "wasm32-unknown-unknown"
 _FEATURES = "+bulk-memory,+sign-ext,+nontrapping-fptoint"  # in every browser since 2020
