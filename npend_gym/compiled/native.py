@@ -31,6 +31,12 @@ from llvmlite import binding
 from npend_gym.compiled.machine_code import read_code, write_code
 from npend_gym.compiled.sources import PACKAGE, code_folder
 
+SHIPPED = PACKAGE / "machine_code"  # what a wheel may bring, as `hatch_build.py` makes it
+# Processors that wheels have machine code for, the best first, and the features that they need
+_LEVELS = {
+    "x86-64-v4": {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "avx2", "bmi2", "fma"},
+    "x86-64-v3": {"avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"},
+}
 _FORMAT = 1  # of files of machine code
 _CALL = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.py_object, ctypes.c_void_p, ctypes.c_void_p)
 DONE, OTHER_KIND = 0, 1  # what an entry returns
@@ -134,21 +140,27 @@ class Kernel:
 
     def _code(self, kind: str, arguments: tuple[Any, ...]) -> Code | None:
         """Return machine code for a kind of arguments: kept, or else compiled and then kept."""
-        from_text = self._from_text
         place = None
-        if from_text is not None:
-            digest = sha256(f"{from_text} {kind} {processor()}".encode()).hexdigest()[:16]
-            place = code_folder() / f"{self.__module__}.{self.__qualname__}.{digest}.code"
-            code = read_code(place, Code.unpacked)
-            if code is not None:
-                self.hits += 1
-                return code
+        if self._from_text is not None:
+            place = code_folder() / self._file(kind, processor())
+            built = SHIPPED / code_folder().name
+            shipped = [built / self._file(kind, level) for level in levels() if built.is_dir()]
+            for path in (place, *shipped):
+                code = read_code(path, Code.unpacked)
+                if code is not None:
+                    self.hits += 1
+                    return code
         from npend_gym.compiled.compiling import compiled_code
 
         code = compiled_code(self, arguments)
         if place is not None and code is not None:
             write_code(place, code.packed())
         return code
+
+    def _file(self, kind: str, made_for: str) -> str:
+        """Return the name of the file of machine code for a kind of arguments."""
+        digest = sha256(f"{self._from_text} {kind} {made_for}".encode()).hexdigest()[:16]
+        return f"{self.__module__}.{self.__qualname__}.{digest}.code"
 
     @cached_property
     def _from_text(self) -> str | None:
@@ -320,8 +332,31 @@ def _engine() -> Any:
 
 @cache
 def processor() -> str:
-    """Return for which processor, and by which compiler, machine code is made."""
-    chosen = [os.environ.get(f"NUMBA_CPU_{name}", "") for name in ("NAME", "FEATURES")]
-    name = chosen[0] or binding.get_host_cpu_name()
-    features = chosen[1] if chosen[0] else binding.get_host_cpu_features().flatten()
-    return " ".join((llvmlite.__version__, binding.get_process_triple(), name, features))
+    """Return for which processor machine code is made: the user's choice, or this one.
+
+    For this one also by which compiler, since a newer one may make faster code.
+    """
+    name, features = (os.environ.get(f"NUMBA_CPU_{each}") for each in ("NAME", "FEATURES"))
+    if name:
+        return _made_for(name, features or "")
+    features = binding.get_host_cpu_features().flatten()
+    return _made_for(binding.get_host_cpu_name(), f"{features} {llvmlite.__version__}")
+
+
+def _made_for(name: str, features: str = "") -> str:
+    return f"{binding.get_process_triple()} {name} {features}"
+
+
+@cache
+def levels() -> list[str]:
+    """Return for which processors shipped machine code may be made to run here, the best first."""
+    if os.environ.get("NUMBA_CPU_NAME") or not SHIPPED.is_dir():
+        return []
+    if "x86_64" not in binding.get_process_triple():
+        return [_made_for("generic")]
+    features = binding.get_host_cpu_features()
+    return [
+        _made_for(level)
+        for level, needed in _LEVELS.items()
+        if all(features.get(each) for each in needed)
+    ]
