@@ -23,7 +23,7 @@ from npend_gym.cli.common import INTERRUPTED, OK, Parser, can_draw, dispatch, sh
 from npend_gym.report import outputs
 
 SUITES = ("dynamics", "environments", "episodes", "derivatives", "accuracy", "chaos",
-          "ensembles", "gpu")  # fmt: skip
+          "ensembles", "start", "gpu")  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

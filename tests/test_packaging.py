@@ -33,8 +33,11 @@ PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
 @pytest.fixture
 def hook(monkeypatch):
     """Return the module that makes addresses and the README of the index, without Hatchling."""
-    stub = types.SimpleNamespace(MetadataHookInterface=object)
-    monkeypatch.setitem(sys.modules, "hatchling.metadata.plugin.interface", stub)
+    for name, base in {
+        "hatchling.metadata.plugin.interface": "MetadataHookInterface",
+        "hatchling.builders.hooks.plugin.interface": "BuildHookInterface",
+    }.items():
+        monkeypatch.setitem(sys.modules, name, types.SimpleNamespace(**{base: object}))
     spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

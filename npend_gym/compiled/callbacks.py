@@ -7,6 +7,7 @@ one signature in C, so that the kernels that call it are compiled once for all f
 # Numba's stubs leave parts unknown, and functions of users have no types
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false
+# pyright: reportPrivateImportUsage=false
 
 from __future__ import annotations
 

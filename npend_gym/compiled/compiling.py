@@ -1,15 +1,19 @@
 """How kernels are compiled: by Numba, with an entry that takes arguments as Python has them."""
 
 # Numba's stubs leave parts unknown, and it has no public way to write a function's text
-# pyright: basic
+# pyright: basic, reportPrivateImportUsage=false, reportGeneralTypeIssues=false
+# pyright: reportOptionalMemberAccess=false
 from __future__ import annotations
 
+import gc
+from collections.abc import Generator
+from contextlib import contextmanager
 from hashlib import sha256
 from typing import Any
 
 from llvmlite import ir
 from numba import njit, typeof, types
-from numba.core import cgutils
+from numba.core import cgutils, errors
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.typing.templates import AbstractTemplate
 from numba.np.arrayobj import populate_array
@@ -17,11 +21,11 @@ from numba.np.numpy_support import as_dtype
 
 from npend_gym.compiled import intrinsics  # noqa: F401 - which Numba then knows
 from npend_gym.compiled.inner import (
+    EntryCompiler,
     EntryLibrary,
     InnerCompiler,
     KernelCompiler,
     OutlinedCompiler,
-    TextCompiler,
 )
 from npend_gym.compiled.native import DONE, OTHER_KIND, Code, Word, name_of_class
 from npend_gym.compiled.notice import announce_compilation
@@ -79,12 +83,29 @@ def dispatcher_of_kernel(kernel: Any) -> Any:
     return njit(**_OPTIONS, pipeline_class=KernelCompiler)(kernel.py_func)
 
 
+@contextmanager
+def _rare_collection() -> Generator[None]:
+    """Let Python look for unreachable objects less often: a fifth of the time of compiling."""
+    before = gc.get_threshold()
+    gc.set_threshold(500_000, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
 @global_compiler_lock
 def compiled_code(kernel: Any, arguments: tuple[Any, ...]) -> Code | None:
     """Return a kernel's machine code for arguments; None where an entry cannot serve it."""
     announce_compilation()
-    dispatcher = njit(**_INNER, pipeline_class=TextCompiler)(kernel.py_func)
-    dispatcher.compile(tuple(map(typeof, arguments)))
+    dispatcher = njit(**_INNER, pipeline_class=EntryCompiler)(kernel.py_func)
+    try:
+        with _rare_collection():
+            dispatcher.compile(tuple(map(typeof, arguments)))
+    except errors.NumbaError as error:
+        if "NRT required" in str(error):  # it makes arrays
+            return None
+        raise
     (compiled,) = dispatcher.overloads.values()
     returns = _letters(compiled.signature.return_type)
     if returns is None:

@@ -14,6 +14,7 @@ the arguments that it does not use, most of the 7 numbers of each array.
 # Numba's stubs leave parts unknown, and it has no public way to leave machine code out
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # pyright: reportUnknownVariableType=false, reportUntypedBaseClass=false
+# pyright: reportPrivateImportUsage=false, reportIncompatibleMethodOverride=false
 # ruff: noqa: SLF001
 from __future__ import annotations
 
@@ -21,9 +22,10 @@ from itertools import count
 from typing import Any
 
 from llvmlite import binding
-from numba.core import compiler
+from numba.core import compiler, compiler_machinery
 from numba.core.codegen import JITCodeLibrary
 from numba.core.runtime import rtsys
+from numba.core.typed_passes import NopythonTypeInference
 
 _NUMBERS = count()
 # LLVM's older passes, of Numba before 0.62, need all that Numba does
@@ -176,19 +178,46 @@ class KernelCompiler(compiler.Compiler):
         super().__init__(typing, target, library, args, returns, Flags(flags), local_types)
 
 
-class TextCompiler(KernelCompiler):
+@compiler_machinery.register_pass(mutates_CFG=False, analysis_only=False)
+class _CountNothing(compiler_machinery.FunctionPass):
+    """Lets Numba's next passes count no references; before, it would allow no views of arrays."""
+
+    _name = "npend_gym_count_nothing"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        """Change the context that the next passes write for."""
+        state.targetctx.enable_nrt = False
+        return True
+
+
+class _TextCompiler(KernelCompiler):
+    """The compiler of functions whose arrays belong to Python: references are not counted."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return Numba's passes, which write no counting into the text."""
+        passes = super().define_pipelines()
+        for each in passes:
+            each.add_pass_after(_CountNothing, NopythonTypeInference)
+            each.finalize()
+        return passes
+
+
+class EntryCompiler(_TextCompiler):
     """The compiler of kernels that are called by an entry."""
 
     library_class: type[JITCodeLibrary] = _TextLibrary
 
 
-class InnerCompiler(KernelCompiler):
+class InnerCompiler(_TextCompiler):
     """The compiler of functions that are nothing but parts of others."""
 
     library_class: type[JITCodeLibrary] = _InnerLibrary
 
 
-class OutlinedCompiler(KernelCompiler):
+class OutlinedCompiler(_TextCompiler):
     """The compiler of such functions that are too long for a copy at each call."""
 
     library_class: type[JITCodeLibrary] = _OutlinedLibrary

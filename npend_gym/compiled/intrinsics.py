@@ -1,7 +1,8 @@
 """What Numba makes of the views of `arrays`, of the words of `philox`, and of foreign functions."""
 
 # Numba's stubs leave parts unknown, and it hands these functions more than they need
-# pyright: basic
+# pyright: basic, reportPrivateImportUsage=false, reportGeneralTypeIssues=false
+# pyright: reportOptionalMemberAccess=false
 # ruff: noqa: ARG001, ARG005
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
         return lambda function: function
 
 else:
-    from npend_gym.compiled.native import Kernel
+    from npend_gym.compiled.native import Kernel, compiler
 
     class Part:
         """A function that kernels call, and Python does not.
@@ -80,9 +80,7 @@ else:
         @cached_property
         def _numba_type_(self):
             """What Numba takes it for."""
-            from npend_gym.compiled.compiling import type_of_part
-
-            return type_of_part(self)
+            return compiler().type_of_part(self)
 
         def __call__(self, *_arguments):
             """Say that this is a part of kernels."""
@@ -110,9 +108,7 @@ else:
         @cached_property
         def _numba_type_(self):
             """What Numba takes it for."""
-            from npend_gym.compiled.compiling import type_of_choice
-
-            return type_of_choice(self)
+            return compiler().type_of_choice(self)
 
         def __call__(self, *arguments):
             """Call the function for the type of the argument, where nothing is compiled."""

@@ -41,6 +41,7 @@ _FORMAT = 1  # of files of machine code
 _CALL = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.py_object, ctypes.c_void_p, ctypes.c_void_p)
 DONE, OTHER_KIND = 0, 1  # what an entry returns
 _LAYOUTS = "CFA"
+_SCALARS: tuple[type, ...] = (np.float64, np.int64, np.bool_)
 _NUMBERS = "biuf"  # kinds of the entries of arrays, as NumPy names them
 _LOCK = threading.RLock()
 
@@ -103,6 +104,7 @@ class Kernel:
     """A compiled function that Python calls by position; other kernels can call it too."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        self.__qualname__: str = function.__qualname__
         update_wrapper(self, function)
         self.py_func: Callable[..., Any] = function
         self.targetoptions: dict[str, Any] = {}
@@ -150,9 +152,7 @@ class Kernel:
                 if code is not None:
                     self.hits += 1
                     return code
-        from npend_gym.compiled.compiling import compiled_code
-
-        code = compiled_code(self, arguments)
+        code: Code | None = compiler().compiled_code(self, arguments)
         if place is not None and code is not None:
             write_code(place, code.packed())
         return code
@@ -182,16 +182,12 @@ class Kernel:
     @cached_property
     def _by_numba(self) -> Any:
         """The kernel as Numba's own dispatcher, for what has no entry; it is not kept."""
-        from npend_gym.compiled.compiling import dispatcher_of_kernel
-
-        return dispatcher_of_kernel(self)
+        return compiler().dispatcher_of_kernel(self)
 
     @cached_property
     def _numba_type_(self) -> Any:
         """What Numba takes it for, in the text of other kernels."""
-        from npend_gym.compiled.compiling import type_of_part
-
-        return type_of_part(self)
+        return compiler().type_of_part(self)
 
     def __reduce__(self) -> str:
         return self.__qualname__
@@ -233,6 +229,11 @@ _READ: dict[str, Callable[[Any, int], Any]] = {
 }
 
 
+def compiler() -> Any:
+    """Return the module that compiles, with Numba. It knows the kernels, and they know its name."""
+    return import_module("npend_gym.compiled.compiling")
+
+
 def kind_of(arguments: tuple[Any, ...]) -> str:
     """Return a text for the types of arguments; "" where an entry cannot take them."""
     try:
@@ -265,7 +266,7 @@ def _plain(value: Any) -> Any:
     if type(value) is np.ndarray:
         usual = np.dtype(value.dtype.str)
         return value if value.dtype is usual else value.view(usual)
-    if isinstance(value, (np.float64, np.int64, np.bool_)):
+    if isinstance(value, _SCALARS):
         return value.item()
     if isinstance(value, tuple):
         parts = [_plain(part) for part in value]

@@ -1,7 +1,8 @@
 """What Numba makes of packs: their types, their operations, and `where` and `any_of`."""
 
 # Numba's stubs leave parts unknown, and it hands these functions more than they need
-# pyright: basic
+# pyright: basic, reportPrivateImportUsage=false, reportGeneralTypeIssues=false
+# pyright: reportOptionalMemberAccess=false
 # ruff: noqa: ARG001, ARG002
 from __future__ import annotations
 

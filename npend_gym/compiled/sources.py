@@ -66,7 +66,12 @@ def compiled_sources(package: Path) -> dict[str, bytes]:
         for file in package.rglob("*.py")
     }
     found = dict[str, bytes]()
-    kernels = [path for path, content in contents.items() if _DECORATORS in content]
+    room = f"{package.name}/compiled/"  # which holds the compiler, too
+    kernels = [
+        path
+        for path, content in contents.items()
+        if _DECORATORS in content or path.startswith(room)
+    ]
     waiting = [(path.removesuffix(".py").replace("/", "."), "") for path in kernels]
     done = set[tuple[str, str]]()
     while waiting:
