@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -18,6 +19,7 @@ from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, arrays_
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_step
 from suites.timing import Job, Peers, Row, rates
 
+LANES = 256  # chains side by side
 _H = 1e-6  # s; so short that the chain hardly moves while it is timed
 
 
@@ -34,11 +36,23 @@ def rows(peers: Peers) -> Iterator[Row]:
         if theirs is not None:
             job = evaluations(Chain.uniform(n))
             yield row_of(f"one evaluation, N = {n}", job, "Pinocchio ABA", theirs)
-    theirs = peers.job("mujoco.rollout", lambda: mujoco_rollouts(10, 256))
-    job = many_steps(Chain.uniform(10), 256)
-    yield row_of("RK4 steps of 256 chains, N = 10", job, "mujoco.rollout", theirs)
+    yield from batch_rows(peers)
     yield growth()
     yield from link_rows(peers)
+
+
+def batch_rows(peers: Peers) -> Iterator[Row]:
+    """Yield the comparisons of many chains with MuJoCo's batches, on one thread."""
+    for n in (2, 5, 20, 100):
+        for what, with_rods in (("point masses", False), ("rods", True)):
+            ours = many_steps(rods(n) if with_rods else Chain.uniform(n), LANES)
+            theirs = {
+                "mujoco.batch.Batch": partial(mujoco_batch, n, with_rods),
+                "mujoco.rollout": partial(mujoco_rollouts, n, with_rods),
+            }
+            for name, make in theirs.items():
+                job = peers.job(name, make)
+                yield row_of(f"RK4 steps of {LANES} chains of {what}, N = {n}", ours, name, job)
 
 
 def link_rows(peers: Peers) -> Iterator[Row]:
@@ -49,10 +63,10 @@ def link_rows(peers: Peers) -> Iterator[Row]:
     for n in (2, 5, 20, 100):
         bobs, joints = Chain.uniform(n), rods(n, friction=0.01)
         yield row_of(f"one RK4 step of rods, N = {n}", steps(rods(n)), "point masses", steps(bobs))
-        many = many_steps(bobs, 256)
+        many = many_steps(bobs, LANES)
         for what, chain in (("rods", rods(n)), ("rods with dry friction", joints)):
-            name = f"RK4 steps of 256 chains of {what}, N = {n}"
-            yield row_of(name, many_steps(chain, 256), "point masses", many)
+            name = f"RK4 steps of {LANES} chains of {what}, N = {n}"
+            yield row_of(name, many_steps(chain, LANES), "point masses", many)
 
 
 def rods(n: int, friction: float = 0.0) -> Chain:
@@ -202,19 +216,33 @@ def pinocchio_job(n: int) -> Job:
     return Job(run)
 
 
-def mujoco_rollouts(n: int, lanes: int) -> Job:
+def mujoco_batch(n: int, with_rods: bool) -> Job:
+    """Return the job of stepping many chains by mujoco.batch, one thread, two steps a call."""
+    batch: Any = import_module("mujoco.batch")
+    model, data = mujoco_chain(n, rods=with_rods)
+    chains = batch.Batch(model, LANES, nthread=1)
+    chains.qpos[:] = data.qpos
+
+    def run(times: int) -> None:
+        for _ in range(times):
+            chains.step(nstep=2)
+
+    return Job(run, 2.0 * LANES)
+
+
+def mujoco_rollouts(n: int, with_rods: bool) -> Job:
     """Return the job of stepping many chains by mujoco.rollout, one thread, two steps a call."""
     mujoco: Any = import_module("mujoco")
     rollout: Any = import_module("mujoco.rollout")
-    model, data = mujoco_chain(n)
+    model, data = mujoco_chain(n, rods=with_rods)
     whole = mujoco.mjtState.mjSTATE_FULLPHYSICS
     size: int = mujoco.mj_stateSize(model, whole)
     state = np.zeros(size)
     mujoco.mj_getState(model, data, state, whole)
-    states = np.tile(state, (lanes, 1))
+    states = np.tile(state, (LANES, 1))
 
     def run(times: int) -> None:
         for _ in range(times):
-            rollout.rollout([model] * lanes, [data], states, nstep=2)
+            rollout.rollout([model] * LANES, [data], states, nstep=2)
 
-    return Job(run, 2.0 * lanes)
+    return Job(run, 2.0 * LANES)
