@@ -131,12 +131,20 @@ def test_train_sb3_trains_resumes_and_writes_a_policy_and_its_card(script, tmp_p
 
 
 @pytest.mark.long
+def test_train_sb3_balances_two_rods_with_the_settings_of_its_file(script, tmp_path):
+    script("train_sb3.py", "balance-2", "--seed", 1, "--out", "a")
+    card = (tmp_path / "a" / "README.md").read_text()
+    assert json.loads(re.search(r"```json\n(.*?)```", card, re.DOTALL)[1])["return"] > 990.0
+
+
+@pytest.mark.long
 def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(train_sb3, tmp_path):
     import torch
 
     from npend_gym.rl.evaluation.models import as_controller
 
     config = config_of("balance-2")
+    config["npend/Balance-v1"]["normalize"] = {"norm_obs": True, "norm_reward": False}
     model = train_sb3.make_model(config, seed=0)
     model.learn(4096)
     (tmp_path / "config.yml").write_text(json.dumps(config))
