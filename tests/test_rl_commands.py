@@ -104,10 +104,16 @@ def test_evaluate_prints_the_scores(capsys):
     assert "recovery 0.9" in printed
 
 
-@pytest.mark.parametrize(("env_id", "solved"), [("SwingUp", True), ("Balance", False)])
-def test_the_threshold_of_an_id_is_printed_for_its_own_task_alone(env_id, solved, capsys):
+@pytest.mark.parametrize(
+    ("env_id", "setting", "solved"),
+    [
+        ("SwingUp", "observation=sincos", True), ("Balance", "observation=sincos", False),
+        ("SwingUp", "max_episode_steps=300", False), ("SwingUp", "max_torque=14.0", False),
+    ],
+)  # fmt: skip
+def test_the_threshold_of_an_id_is_printed_for_its_own_task_alone(env_id, setting, solved, capsys):
     arguments = ["--env-id", f"npend/{env_id}-v1", "--episodes", "2"]
-    assert main(["evaluate", "swingup-1", *arguments, "--env", "max_episode_steps=3"]) == 0
+    assert main(["evaluate", "swingup-2", *arguments, "--env", setting]) == 0
     assert ("solved from" in capsys.readouterr().out) == solved
 
 

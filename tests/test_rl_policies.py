@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -281,6 +282,21 @@ def test_small_and_many_times_turned_angles_are_observed_to_the_last_bit():
     observed, _ = envs.reset(seed=0, options={"theta": theta, "omega": 0.0})
     found = observation_of(envs.unwrapped.config, theta, np.zeros_like(theta))
     np.testing.assert_array_equal(found, observed)
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_a_policy_refuses_scaled_observations_of_an_environment_without_info_too(many):
+    policy = Policy.pretrained("swingup-2")
+    make = partial(gym.make_vec, num_envs=3) if many else gym.make
+    env, own = make("npend/SwingUp-v1"), make("npend/SwingUp-v1", **policy.env)
+    for show in (partial(env.reset, seed=0), partial(env.step, env.action_space.sample())):
+        observation = show()[0]
+        for shown in (observation, observation[-1:] if many else observation[None]):
+            with pytest.raises(ValueError, match=r"must be 'sincos' of 2 rods, .* got 'scaled'"):
+                policy(shown)
+    own.reset(seed=0)
+    observation, *_, info = own.step(own.action_space.sample())
+    np.testing.assert_array_equal(policy(observation), policy(observation, info))
 
 
 def test_a_policy_acts_on_measured_angles_as_on_what_its_environment_shows():

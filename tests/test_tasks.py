@@ -93,6 +93,21 @@ def test_a_model_reaches_the_threshold_of_its_task_and_chance_does_not(env_id):
     assert f"random actions have {chance:.0f}." in text
 
 
+@pytest.mark.parametrize("make", [gym.make, partial(gym.make_vec, num_envs=2)])
+def test_the_threshold_of_a_task_is_left_out_where_keywords_make_another_task(make):
+    def threshold(**keywords):
+        return make("npend/SwingUp-v1", **keywords).unwrapped.spec.reward_threshold
+
+    same = {"n": 2}, {"difficulty": "easy"}, {"observation": "sincos"}, {"masses": [1.0, 1.0]}
+    assert {threshold(**keywords) for keywords in same} == {900.0}
+    others = (
+        {"n": 1}, {"difficulty": "medium"}, {"reward_type": "sparse"}, {"dt": 0.02},
+        {"masses": [1.0, 2.0]}, {"angle_noise": 0.01}, {"mode": "balance"},
+        {"randomize": {"masses": [0.9, 1.1]}},
+    )  # fmt: skip
+    assert {threshold(**keywords) for keywords in others} == {None}
+
+
 # -- the ladder of torque limits ------------------------------------------------------------
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+from functools import lru_cache
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from gymnasium import Space
@@ -26,27 +28,65 @@ from npend_gym.envs.inputs import (
     given_options,
     reset_mask,
 )
+from npend_gym.envs.keywords import CHAIN_KEYWORDS, EnvKeywords
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import CallGuard, Progress, check_running
-from npend_gym.envs.registration import ENV_ID
+from npend_gym.envs.registration import ENV_ID, TASKS
 from npend_gym.envs.snapshots import States
+
+# Keywords that leave a task as hard as it is, or are in `chain` and `max_torque`
+_OF_NO_TASK = {
+    *CHAIN_KEYWORDS, "n", "difficulty", "observation", "observe_velocities", "observe_context",
+    "goal_env", "torque_levels", "render_size", "render_plain",
+}  # fmt: skip
+
+
+@lru_cache
+def _usual(env_id: str) -> EnvConfig:
+    """Return the settings for which the threshold of a task holds."""
+    return EnvConfig(**TASKS[env_id].keywords)
+
+
+def _task_of(config: EnvConfig) -> dict[str, Any]:
+    """Return the settings on which a return depends, as plain values."""
+    names = [name for name in EnvKeywords.__annotations__ if name not in _OF_NO_TASK]
+    mode = type(config.mode), vars(config.mode)
+    return plain_keywords({name: getattr(config, name) for name in names}) | {"mode": mode}
 
 
 class PlainSpec:
     """The attribute `spec` of an environment: Gymnasium's record of how it was made.
 
     `EnvSpec.to_json` writes numbers, lists, dicts and texts only. So a chain among the keywords
-    becomes the dict of its parameters, and an array becomes a list.
+    becomes the dict of its parameters, and an array becomes a list. `reward_threshold` is None
+    where another chain, motor or reward makes another task of that of the id.
     """
 
     def __get__(self, env: object | None, owner: type) -> EnvSpec | None:
         return None if env is None else vars(env).get("spec")
 
-    def __set__(self, env: object, spec: EnvSpec | None) -> None:
+    def __set__(self, env: Session, spec: EnvSpec | None) -> None:
         if spec is not None:
             spec = copy.copy(spec)
             spec.kwargs = plain_keywords(spec.kwargs)
+            if spec.id in TASKS and _task_of(env.config) != _task_of(_usual(spec.id)):
+                spec.reward_threshold = None
         vars(env)["spec"] = spec
+
+
+_live: list[ref[Session]] = []  # all environments; its methods hold the GIL
+
+
+def kind_shown(observation: Any) -> str | None:
+    """Return which `observation` an environment has just returned as this array, or a part of it.
+
+    None for every other array, such as a copy.
+    """
+    given: Any = observation
+    for env in (each() for each in [*_live] if isinstance(given, np.ndarray)):
+        if env is not None and np.may_share_memory(env.shown, given):
+            return env.config.observation
+    return None
 
 
 class Session:
@@ -70,6 +110,7 @@ class Session:
         self._episodes: Episodes = self._kind(config, lanes, threads, max_steps)
         self._episodes.is_single = self._is_single
         self._calls = CallGuard()
+        _live.append(ref(self, _live.remove))
         if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them
             self.compute_reward: GoalReward = GoalReward(config.mode, config.n)
 
@@ -86,6 +127,11 @@ class Session:
         episodes.set_states(lanes, states)
         self.camera.forget(np.isin(np.arange(episodes.count), lanes))
         return episodes
+
+    @property
+    def shown(self) -> NDArray[np.float32]:
+        """The observations that the last call has returned, of all lanes."""
+        return self._episodes.outputs.observations
 
     @property
     def state(self) -> FloatArray:

@@ -78,11 +78,11 @@ class EnvSetting(NamedTuple):
 
     @property
     def reward_threshold(self) -> float | None:
-        """The return that solves the task of the id; None where another mode is played."""
-        register_envs()
-        spec = gym.spec(self.env_id)
-        mode = spec.kwargs.get("mode")
-        return spec.reward_threshold if self.keywords.get("mode", mode) == mode else None
+        """The return that solves the task of the id; None where the keywords make another one."""
+        envs = self.make(1)
+        envs.close()
+        is_usual = envs.unwrapped.max_episode_steps == gym.spec(self.env_id).max_episode_steps
+        return envs.unwrapped.spec.reward_threshold if is_usual else None
 
     @property
     def config(self) -> EnvConfig:

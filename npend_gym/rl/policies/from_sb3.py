@@ -28,7 +28,6 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
     config = setting.config
     if config.goal_env:
         raise ValueError("goal_env must be False, because policies observe one array")
-    check_space(model, config)
     network = _network_of(model)
     scale, offset = np.ones(config.observed, np.float32), None
     limit = np.inf
@@ -44,12 +43,7 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
             scale = np.sqrt(statistics.var + wrapper.epsilon).astype(np.float32)
             offset, limit = statistics.mean.astype(np.float32), float(wrapper.clip_obs)
     check_statistics(model, wrappers)
-    shapes = network["weights"][0].shape[1], network["weights"][-1].shape[0]
-    if shapes != (config.observed, config.joints.size):
-        raise ValueError(
-            f"env must be that of the model, with {shapes[0]} observed numbers and {shapes[1]} "
-            f"actions, got one with {config.observed} and {config.joints.size}"
-        )
+    check_space(model, config, wrappers)
     made = {"algorithm": type(model).__name__, "timesteps": int(model.num_timesteps)}
     return network | {
         "scale": scale,

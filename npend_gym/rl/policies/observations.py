@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import MAX_CART_ENTRY
+from npend_gym.envs.session import kind_shown
 from npend_gym.rl.angles import wrap
 
 
@@ -100,13 +101,20 @@ def observation_of(
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 
-def check_observation(config: EnvConfig, observation: ArrayLike, info: Mapping[str, Any]) -> None:
+def check_observation(
+    config: EnvConfig, observation: ArrayLike, info: Mapping[str, Any] | None
+) -> None:
     """Raise an error if the first observations of episodes are certainly not those of `config`.
 
     Observations with sines have as many entries if their velocities are scaled as if they are not.
     With noise or delay an observation fits no velocities, and nothing is certain. A chain at rest
     shows nothing in its first observation, so the second is looked at too.
     """
+    if info is None:
+        kind = kind_shown(observation)
+        if kind not in (None, config.observation):
+            raise _other_kind(config, repr(kind))
+        return
     if not {"time", "theta", "omega"} <= info.keys() or np.min(info["time"]) > 1.5 * config.dt:
         return
     n, shown = config.n, None
@@ -119,11 +127,15 @@ def check_observation(config: EnvConfig, observation: ArrayLike, info: Mapping[s
             if _are(seen, speeds, EnvConfig(chain=config.chain, observation=other)):
                 shown = repr(other)
     if shown is not None:
-        raise ValueError(
-            f"observation must be {config.observation!r} of {n} rods, on which the policy was "
-            f"trained, got {shown}: make the environment with the policy's keywords, "
-            "gym.make(..., **policy.env)"
-        )
+        raise _other_kind(config, shown)
+
+
+def _other_kind(config: EnvConfig, shown: str) -> ValueError:
+    return ValueError(
+        f"observation must be {config.observation!r} of {config.n} rods, on which the policy was "
+        f"trained, got {shown}: make the environment with the policy's keywords, "
+        "gym.make(..., **policy.env)"
+    )
 
 
 def _are(seen: NDArray[Any], speeds: NDArray[Any], config: EnvConfig) -> bool:

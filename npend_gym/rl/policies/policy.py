@@ -179,7 +179,9 @@ class Policy:
             With memory (B, k), of the same B environments as in the call before; or (k,), of one.
         info : mapping, optional
             Where ``info["time"]`` is 0 an episode begins, and a policy with memory forgets what was
-            before. Without it that is left to `reset`. One without memory does not look at it.
+            before. Without it that is left to `reset`. It also shows whether the observation is
+            "scaled" or "sincos", which have as many entries. Without it the array shows that, if it
+            is the one that an environment returned last, and no copy.
 
         Returns
         -------
@@ -197,7 +199,7 @@ class Policy:
                 f"observation must have {self.observed} entries, got {np.shape(observation)}: make "
                 "the environment with the policy's keywords, gym.make(..., **policy.env)"
             )
-        if info is not None and self.env:
+        if self.env:
             from npend_gym.rl.policies.observations import check_observation  # heavy
 
             check_observation(self.config, observation, info)
