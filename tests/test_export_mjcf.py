@@ -1,11 +1,13 @@
 """Chains as models of MuJoCo, whose motions are compared with `simulate`."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from npend_gym import Cart, Chain, simulate
 from npend_gym.cli import main
-from npend_gym.export import to_mjcf
+from npend_gym.export import to_mjcf, to_urdf
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
@@ -137,3 +139,11 @@ def test_the_command_writes_the_model(tmp_path):
     options = ["export", "--chain", "acrobot", "--to", "mjcf", "--out", str(out)]
     assert main([*options, "--motors", "1", "--limits", "1.5"]) == 0
     assert out.read_text() == to_mjcf(Chain.preset("acrobot"), (1,), 1.5)
+
+
+@pytest.mark.parametrize("write", [to_mjcf, to_urdf])
+@pytest.mark.parametrize("path", ["arm.xml", Path("arm.xml")])
+def test_a_function_that_returns_a_text_says_how_to_write_it_where_it_is_given_a_path(write, path):
+    way = rf"write it by Path\('arm.xml'\).write_text\({write.__name__}\(chain\)\)"
+    with pytest.raises(TypeError, match=way):
+        write(Chain.uniform(2), path)

@@ -608,6 +608,54 @@ def test_a_model_that_is_no_network_of_layers_is_refused_with_the_way_out():
             rl.Policy.from_sb3(model)
 
 
+def sb3():
+    import stable_baselines3
+
+    return stable_baselines3
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+@pytest.mark.parametrize("judge", [rl.evaluate, rl.performance, rl.robustness, rl.recovery])
+def test_a_model_of_another_size_is_refused_by_the_name_of_what_differs(judge, normalize):
+    model = trained("PPO", normalize=normalize)
+    with pytest.raises(ValueError, match=r"env must show observations of the shape \(3,\).*\(6,\)"):
+        judge(model, SWING | {"n": 2})
+    with pytest.raises(ValueError, match=r"torque_levels must be as .* got 3, .*Discrete\(3\)"):
+        judge(model, SWING | {"torque_levels": 3})
+    pair = sb3().PPO("MlpPolicy", gym.make("NPendulum-v0", **SWING | {"n": 2, "actuated": (0, 1)}))
+    with pytest.raises(ValueError, match=r"actuated must have as many .* training, 2, got \[0\]"):
+        judge(pair, SWING | {"n": 2})
+
+
+def test_a_model_is_refused_behind_wrappers_of_another_size():
+    venv = sb3().common.vec_env.VecNormalize(rl.SB3VecEnv(native(**SWING | {"n": 2})))
+    with pytest.raises(ValueError, match=r"env must show observations of the shape \(3,\)"):
+        rl.evaluate(trained("PPO"), venv)
+
+
+def test_a_model_of_more_torque_levels_is_refused_where_its_actions_mean_others():
+    model = sb3().PPO("MlpPolicy", gym.make("NPendulum-v0", **SWING, torque_levels=5))
+    with pytest.raises(ValueError, match=r"torque_levels must be .*Discrete\(5\), got 3"):
+        rl.evaluate(model, SWING | {"torque_levels": 3})
+
+
+@pytest.mark.parametrize(
+    ("venv", "way"),
+    [
+        ("npend/SwingUp-v1", r"make_vec\('npend/SwingUp-v1', num_envs=32, autoreset_mode="),
+        (lambda: gym.make("npend/Balance-v1"), r"make_vec\('npend/Balance-v1'"),
+        ({"n": 2}, "make_vec"),
+        (
+            lambda: rl.SB3VecEnv(native()),
+            "as it",
+        ),
+    ],
+)
+def test_what_is_no_vector_environment_is_refused_with_the_way_to_one(venv, way):
+    with pytest.raises(TypeError, match=rf"venv must be a vector environment .*{way}"):
+        rl.SB3VecEnv(venv() if callable(venv) else venv)
+
+
 def test_a_model_becomes_a_policy_of_its_own_environment_alone():
     from stable_baselines3 import PPO
 
@@ -616,7 +664,7 @@ def test_a_model_becomes_a_policy_of_its_own_environment_alone():
     assert rl.Policy.from_sb3(model).config.observation == "scaled"
     with pytest.raises(ValueError, match="observation must be as in the model's training"):
         rl.Policy.from_sb3(model, {"n": 1, "observation": "sincos"})
-    with pytest.raises(ValueError, match="env must be that of the model, with 3 observed"):
+    with pytest.raises(ValueError, match=r"env must show observations of the shape \(3,\)"):
         rl.Policy.from_sb3(model, {"n": 2, "observation": "sincos"})
     model.action_space = gym.spaces.Box(-3.0, 3.0, (1,))
     with pytest.raises(ValueError, match=r"actions from array\(\[-3.\]"):

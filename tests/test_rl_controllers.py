@@ -274,6 +274,20 @@ def test_a_controller_that_is_given_the_environment_asks_for_its_settings(make):
         make(gym.make("npend/SwingUp-v1"))
 
 
+def test_results_are_printed_as_one_line_of_means():
+    ones = np.ones(300)
+    found = Evaluation(2.0 * ones, np.arange(300) < 150, 3.0 * ones, 4.0 * ones)
+    assert str(found) == (
+        "Evaluation(300 episodes: success 50.0% from 3.00 s on, 95 % confidence 44.4% to 55.6%; "
+        "mean return 2.00, motor work 4.00 J)"
+    )
+    assert "success 0.0%, 95 %" in str(Evaluation(ones, ones > 2.0, np.nan * ones, ones))
+    robustness = Robustness({"model": Outcome(["a"] * 300, ones, ones > 0.0)}, {})
+    assert str(robustness) == "Robustness(score=1, model=1)"
+    assert str(Recovery(ones)) == "Recovery(score=1, least=1, largest=1)"
+    assert str(Performance(ones > 0.0, *[ones] * 8)).count("\n") == 0
+
+
 def test_the_interval_of_the_success_rate_is_wilsons():
     nothing = np.zeros(100)
     evaluation = Evaluation(nothing, np.arange(100) < 97, nothing, nothing)
@@ -292,6 +306,55 @@ def test_evaluation_takes_models_with_predict():
 
     task = {"n": 1, "mode": "balance", "max_episode_steps": 20}
     assert np.array_equal(*(evaluate(each, task, episodes=3).returns for each in (Still(), idle)))
+
+
+def test_evaluate_takes_the_names_of_evaluate_policy():
+    class Drawing:
+        def predict(self, observation, *, deterministic):
+            return np.full((len(observation), 1), 0.0 if deterministic else 1.0), None
+
+    def full(observation, _):
+        return np.ones((len(observation), 1))
+
+    task = {"n": 1, "mode": "balance", "max_episode_steps": 20}
+    drawn = evaluate(Drawing(), task, n_eval_episodes=3, deterministic=False).returns
+    np.testing.assert_array_equal(drawn, evaluate(full, task, episodes=3).returns)
+    still = evaluate(Drawing(), task, n_eval_episodes=3, deterministic=True).returns
+    np.testing.assert_array_equal(still, evaluate(idle, task, episodes=3).returns)
+    with pytest.raises(ValueError, match="n_eval_episodes must be left out where episodes"):
+        evaluate(idle, task, n_eval_episodes=3, episodes=4)
+    with pytest.raises(TypeError, match="deterministic must be True or False, got 1"):
+        evaluate(idle, task, deterministic=1)
+    for model in (idle, rl.Policy.pretrained("balance-1")):
+        with pytest.raises(ValueError, match="deterministic must be True for a model without"):
+            evaluate(model, task | {"observation": "sincos"}, deterministic=False)
+
+
+def test_evaluate_takes_a_module_of_pytorch_and_leaves_it_as_it_was():
+    torch = pytest.importorskip("torch")
+    layer = torch.nn.Linear(3, 1)
+    weight, bias = (each.detach().numpy() for each in layer.parameters())
+    module = torch.nn.Sequential(layer, torch.nn.Dropout(0.5))
+    task = {"n": 1, "mode": "balance", "observation": "sincos", "max_episode_steps": 20}
+    found = evaluate(module, task, episodes=3).returns
+    own = evaluate(lambda seen, _: seen @ weight.T + bias, task, episodes=3).returns
+    np.testing.assert_allclose(found, own, rtol=1e-5)
+    np.testing.assert_allclose(evaluate(module.double(), task, episodes=3).returns, own, rtol=1e-5)
+    assert module.training
+    assert module[1].training
+    with pytest.raises(ValueError, match=r"model must take observations .*\(3, 6\).*cannot be mul"):
+        evaluate(module, task | {"n": 2}, episodes=3)
+    with pytest.raises(TypeError, match="model must return a tensor of actions, got"):
+        evaluate(torch.nn.LSTM(3, 1), task, episodes=3)
+    with pytest.raises(ValueError, match="deterministic must be True"):
+        evaluate(module, task, deterministic=False)
+
+    class Controller(torch.nn.Module):
+        def forward(self, _, info):
+            return 0.0 * info["theta"]
+
+    still = evaluate(Controller(), task, episodes=3).returns
+    np.testing.assert_array_equal(still, evaluate(idle, task, episodes=3).returns)
 
 
 CALM = {"mode": "calm"}

@@ -502,8 +502,9 @@ def test_a_rescuer_that_does_not_fit_is_refused_before_anything_is_planned(
     task, rescuer, monkeypatch
 ):
     monkeypatch.delattr(imitation, "begin")
-    with pytest.raises(ValueError, match=r"(rescuer|policy) must be a"):
+    with pytest.raises(ValueError, match=r"(rescuer|policy) must be a") as refused:
         imitation.train(imitation.settings_of(task, rescuer=rescuer))
+    assert ("--set rescuer=" in str(refused.value)) == (rescuer != "no.safetensors")
     for fitting in ("swingup-2-robust", "swingup-2-acrobot-robust", "swingup-2-pendubot-robust"):
         with pytest.raises(NameError):
             imitation.train(imitation.settings_of(fitting))

@@ -1,5 +1,6 @@
 """What counts as success, in time and in every lane."""
 
+import math
 from functools import partial
 
 import gymnasium as gym
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym.envs import Mode
+from npend_gym.envs import Mode, SwingUp
 
 STILL = np.zeros(1, np.float32)
 
@@ -114,3 +115,35 @@ def test_the_last_step_of_an_episode_tells_its_success(autoreset):
     assert last["success"].tolist() == [True, False]
     after = env.step(still)[-1]["success"] if autoreset == "NEXT_STEP" else info["success"]
     assert after.tolist() == [False, False]
+
+
+class Branching(SwingUp):
+    """A user's mode that takes arrays for numbers."""
+
+    name = "branching"
+
+    def __init__(self, method, use):
+        self.method, self.use = method, use
+
+    def reward(self, quantities):
+        return float(self.use(quantities.tip)) if self.method == "reward" else 0.0
+
+    def failed(self, quantities):
+        return bool(self.use(quantities.tip)) if self.method == "failed" else False
+
+
+@pytest.mark.parametrize("method", ["reward", "failed"])
+@pytest.mark.parametrize("use", [lambda tip: 1 if tip > 2 else 0, lambda tip: math.sin(tip) > 2])
+def test_a_mode_that_takes_arrays_for_numbers_is_told_what_to_write(method, use):
+    single = gym.make("NPendulum-v0", n=1, mode=Branching(method, use))
+    assert successes(single, 1)
+    many = gym.make_vec("NPendulum-v0", num_envs=3, n=1, mode=Branching(method, use))
+    pattern = rf"{method} of mode 'branching' must work on arrays: .* np.where"
+    with pytest.raises((ValueError, TypeError), match=pattern):
+        [many.reset(seed=0), many.step(np.zeros((3, 1)))]
+    torch = pytest.importorskip("torch")
+    from npend_gym.torch import DifferentiableVectorEnv
+
+    env = DifferentiableVectorEnv(3, n=1, mode=Branching(method, use))
+    with pytest.raises((ValueError, TypeError, RuntimeError), match=pattern):
+        [env.reset(seed=0), env.step(torch.zeros((3, 1)))]

@@ -127,6 +127,8 @@ class EnvConfig(Settings):
                 "that of the cart, and actuated=(0,) gives a motor to the joint on it"
             )
         substeps, max_rotation = _substeps(given["substeps"], given["dt"], random, given)
+        if joints:
+            _check_dt(given["dt"], chain)
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
         used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
         vars(self).update(used | {
@@ -267,6 +269,18 @@ def task_numbers(config: EnvConfig, judge: int, max_steps: int | None) -> FloatA
         "VELOCITIES": config.observe_velocities,
     }
     return np.array([task[name] for name in Task._fields], np.float64)
+
+
+def _check_dt(dt: float, chain: Chain) -> None:
+    """Raise a ValueError for a step in which motors miss a swing: it may be in milliseconds."""
+    if dt >= 1.0 and chain.gravity > 0.0:
+        most = math.pi * math.sqrt(chain.total_length / chain.gravity)
+        if dt > most:
+            raise ValueError(
+                f"dt must be at most {most:.3g} s, half the period of a pendulum of the chain's "
+                f"length, so that motors act twice in a swing; got {dt:g} s: {dt:g} ms are "
+                f"{dt / 1000.0:g} s"
+            )
 
 
 def _check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: int) -> None:

@@ -20,7 +20,7 @@ from npend_gym.envs.config import EnvConfig, task_numbers
 from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.kernels import step_many, step_one
-from npend_gym.envs.modes import Quantities, left_rail, rail_factor
+from npend_gym.envs.modes import Mode, Quantities, left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import LaneNumbers, Seeds
@@ -41,6 +41,24 @@ from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.memory import Memory, Plan
 
 STATE = Rod.THETA, Rod.OMEGA
+# What NumPy, Python and PyTorch say where an array is taken for one number
+_OF_ARRAYS = "is ambiguous", "Python scalar", "to a scalar"
+
+
+def returned_by(mode: Mode, method: str, quantities: Quantities[Any]) -> Any:
+    """Return what a method of a mode returns, or say that it takes arrays for numbers."""
+    try:
+        return getattr(mode, method)(quantities)
+    except (ValueError, TypeError, RuntimeError) as error:
+        if not any(text in str(error) for text in _OF_ARRAYS):
+            raise
+        raise type(error)(
+            f"{method} of mode {mode.name!r} must work on arrays: quantities have an entry for "
+            "each lane of a vector environment, theta and omega one for each rod. Use + - * /, abs "
+            "and comparisons: np.where, or a comparison times a number, in place of `if`; & | in "
+            "place of `and`, `or`; functions of NumPy in place of min, max and those of math; got "
+            f"the error: {error}"
+        ) from error
 
 
 class Episodes:
@@ -338,7 +356,7 @@ class Episodes:
     def _returned_by(self, method: str, quantities: Quantities[Any]) -> NDArray[Any]:
         """Return what a method of the mode returns, of shape () or (B,), or say what is wrong."""
         mode, is_reward = self.config.mode, method == "reward"
-        value = getattr(mode, method)(quantities)
+        value = returned_by(mode, method, quantities)
         try:
             out = np.asarray(value)
         except ValueError:  # lists of several lengths

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import functools
+from collections.abc import Callable, Sequence
+from os import PathLike
+from typing import Any, ParamSpec, cast
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -16,8 +18,27 @@ MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving bod
 OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
 _MAX_BODIES = 496  # which make 500 elements inside each other: MuJoCo reads no more
 _MAX_TIMESTEP = 1.0  # s
+_P = ParamSpec("_P")
 
 
+def returns_text(function: Callable[_P, str]) -> Callable[_P, str]:
+    """Let a function that returns the text of a file say so where it is given the path of one."""
+
+    @functools.wraps(function)
+    def checked(*args: _P.args, **kwargs: _P.kwargs) -> str:
+        for value in (*args[1:], *kwargs.values()):
+            if isinstance(value, (str, PathLike)):
+                name, path = function.__name__, _checks.show(str(cast("object", value)))
+                raise TypeError(
+                    f"{name} must be called without a path, because it returns the text of a file; "
+                    f"got {path}: write it by Path({path}).write_text({name}(chain))"
+                )
+        return function(*args, **kwargs)
+
+    return checked
+
+
+@returns_text
 def to_mjcf(
     chain: Chain,
     motors: Sequence[int] = (),

@@ -5,12 +5,13 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from npend_gym.chain import Chain, check_chain
-from npend_gym.export.mjcf import check_known, inertia_of, text_of
+from npend_gym.export.mjcf import check_known, inertia_of, returns_text, text_of
 
 _LACKS = ("drag", "quadratic_drag", "armature", "stiffness")
 _NO_LIMIT = {"lower": "-1000", "upper": "1000", "effort": "1e9", "velocity": "1e9"}
 
 
+@returns_text
 def to_urdf(chain: Chain) -> str:
     """Return a chain as a robot in URDF, for Pinocchio, Drake, Gazebo and ROS.
 

@@ -43,7 +43,7 @@ class SB3VecEnv(VecEnv):
     ValueError
         If `venv` has another autoreset mode. `step_wait` raises one if the info lacks a key.
     TypeError
-        If `info_keys` is a text.
+        If `venv` is no vector environment of Gymnasium, or `info_keys` is a text.
 
     Examples
     --------
@@ -58,6 +58,7 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, venv: VectorEnv[Any, Any, Any], info_keys: Sequence[str] = ()) -> None:
+        _check_many(venv)
         mode = venv.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(
@@ -213,6 +214,19 @@ class SB3VecEnv(VecEnv):
     def _refuse_some(self, lanes: list[int], what: str) -> None:
         if lanes != list(range(self.num_envs)):
             raise ValueError(f"indices must be all environments or None: they share the {what}")
+
+
+def _check_many(venv: Any) -> None:
+    """Raise a TypeError for what is no vector environment of Gymnasium, with the way to one."""
+    if isinstance(venv, VectorEnv) or hasattr(venv, "single_observation_space"):
+        return
+    if isinstance(venv, VecEnv):
+        way = "a VecEnv of Stable-Baselines3 goes to the algorithm as it is"
+    else:
+        spec = getattr(venv, "spec", None)
+        given = venv if isinstance(venv, str) else getattr(spec, "id", "npend/SwingUp-v1")
+        way = f'gym.make_vec({given!r}, num_envs=32, autoreset_mode="SAME_STEP") makes one'
+    raise TypeError(f"venv must be a vector environment of Gymnasium, got {venv!r}: {way}")
 
 
 def _joined(values: Sequence[Any], rods: int | None) -> Any:

@@ -15,6 +15,7 @@ from torch import Tensor
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig, Quantities
+from npend_gym.envs.episodes import returned_by
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
 from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings
@@ -150,13 +151,15 @@ def judge(
         plain = Quantities(*(cast("Any", x).detach() for x in judged))
         failed, achieved = (
             torch.as_tensor(x, dtype=torch.bool).expand(shape)
-            for x in (mode.failed(plain), mode.achieved(plain))
+            for x in (returned_by(mode, method, plain) for method in ("failed", "achieved"))
         )
         left: Any = left_rail(plain.rail_position)
         failed, achieved = failed | left, achieved & ~left
     if config.reward_type == "sparse":
         return achieved.to(torch.float64), failed, achieved
-    reward = torch.as_tensor(mode.reward(judged)) * rail_factor(judged.rail_position)
+    reward = torch.as_tensor(returned_by(mode, "reward", judged)) * rail_factor(
+        judged.rail_position
+    )
     return torch.where(left, 0.0, reward).expand(shape), failed, achieved
 
 

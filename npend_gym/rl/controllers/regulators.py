@@ -167,7 +167,7 @@ def riccati(
             "the motors must be able to stabilise the equilibrium at angle "
             f"{_checks.show(angle)}, and double precision must suffice for {config.n} rods with "
             f"motors at joints {config.joints.tolist()}; got: {error}. Make the environment with "
-            "fewer rods, more motors, or a larger max_torque or max_force"
+            "fewer rods, more motors, a smaller dt, or a larger max_torque or max_force"
         ) from error
     return gain, s
 

@@ -14,8 +14,10 @@ from npend_gym.rl.evaluation.rollouts import Controller, joint_motion, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
+_EPISODES = 100
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """What happened in each episode, arrays of shape (episodes,).
 
@@ -38,6 +40,17 @@ class Evaluation:
     success: NDArray[np.bool_]
     settling_time: FloatArray
     motor_work: FloatArray
+
+    def __repr__(self) -> str:
+        row = self.as_row()
+        low, high = row["success_low"], row["success_high"]
+        settled = row["settling_time"]
+        since = "" if settled is None else f" from {settled:.2f} s on"
+        return (
+            f"Evaluation({row['episodes']} episodes: success {row['success']:.1%}{since}, 95 % "
+            f"confidence {low:.1%} to {high:.1%}; mean return {row['return']:.2f}, motor work "
+            f"{row['motor_work']:.2f} J)"
+        )
 
     @property
     def success_rate(self) -> float:
@@ -73,16 +86,23 @@ class Evaluation:
 
 @judging
 def evaluate(
-    model: Controller | Model, env: EnvLike, *, episodes: int = 100, seed: int = HELD_OUT
+    model: Controller | Model,
+    env: EnvLike,
+    *,
+    episodes: int = _EPISODES,
+    seed: int = HELD_OUT,
+    deterministic: bool = True,
+    n_eval_episodes: int | None = None,
 ) -> Evaluation:
     """Let a model act in whole episodes, all side by side.
 
     Parameters
     ----------
     model : callable, or anything with the method `predict` of Stable-Baselines3
-        ``model(observation, info)`` returns the actions, see `Controller`.
-        ``model.predict(observation, state, episode_start, deterministic=True)`` returns them and
-        the state of a recurrent model, which is kept.
+        ``model(observation, info)`` returns the actions, see `Controller`. A module of PyTorch may
+        take the observations alone, (B, k), and return a tensor.
+        ``model.predict(observation, state, episode_start, deterministic=True)`` returns the actions
+        and the state of a recurrent model, which is kept.
     env : mapping, str, EnvSpec, or environment
         An id such as "npend/SwingUp-v1", the specification ``gym.spec(id)``, or a dict of keywords
         of ``gym.make_vec``, whose "id" is "NPendulum-v0" if left out. Those of a policy,
@@ -95,6 +115,11 @@ def evaluate(
         Number of episodes; they have the seeds `seed`, `seed` + 1 and so on.
     seed : int
         Seed of the first episode.
+    deterministic : bool
+        Is given to `predict`. With False a model of Stable-Baselines3 draws its actions, from
+        PyTorch's generator: ``torch.manual_seed(0)`` before makes them the same again.
+    n_eval_episodes : int, optional
+        Another name of `episodes`, that of Stable-Baselines3's `evaluate_policy`.
 
     Returns
     -------
@@ -105,7 +130,7 @@ def evaluate(
     ------
     ValueError, TypeError
         If an argument or a keyword breaks its rule; if the environment shows another `observation`
-        than a policy was trained on, or has other motors; if a wrapper changes observations or
+        than a model was trained on, or has other motors; if a wrapper changes observations or
         actions in a way that is not known; or if a model was trained with a `VecNormalize` with
         which it was not loaded, as far as the model shows that it had one.
 
@@ -117,6 +142,14 @@ def evaluate(
     [True, True]
     """
     _checks.count("seed", seed, low=0)
+    if n_eval_episodes is not None:
+        if episodes not in (_EPISODES, n_eval_episodes):
+            raise ValueError(
+                "n_eval_episodes must be left out where episodes is given, because both are the "
+                f"number of episodes; got {n_eval_episodes} and {episodes}"
+            )
+        episodes = _checks.count("n_eval_episodes", n_eval_episodes)
+    _checks.truth("deterministic", deterministic)
     setting = setting_of(env)
     envs = setting.make(_checks.count("episodes", episodes))
     if envs.unwrapped.max_episode_steps is None:
@@ -125,7 +158,7 @@ def evaluate(
             "dict env with it, or an environment in gymnasium.wrappers.TimeLimit"
         )
     config = envs.unwrapped.config
-    controller = as_controller(model, config, setting.wrappers)
+    controller = as_controller(model, config, setting.wrappers, deterministic=deterministic)
     returns, work, last_failure = np.zeros((3, episodes))
     success, idle = np.zeros(episodes, np.bool_), np.zeros((episodes, 0))
     for running, before, reward, info in rollout(controller, envs, seed):

@@ -7,14 +7,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, cast
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import VectorActionWrapper
 from gymnasium.wrappers.vector import NormalizeObservation
 from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.rollouts import Controller
-from npend_gym.rl.evaluation.wrappers import WAY_OUT, Behind, changing_wrappers, is_normalizing
+from npend_gym.rl.evaluation.wrappers import (
+    WAY_OUT,
+    Behind,
+    changing_wrappers,
+    is_normalizing,
+    layers_of,
+)
 
 _ROUNDING = 1e-3  # more than that of a sine and a cosine in float32
 _OF_PREDICT = ("state", "episode_start", "deterministic")
@@ -30,7 +37,11 @@ class Model(Protocol):
 
 
 def as_controller(
-    model: Controller | Model, config: EnvConfig, wrappers: Sequence[Any] = ()
+    model: Controller | Model,
+    config: EnvConfig,
+    wrappers: Sequence[Any] = (),
+    *,
+    deterministic: bool = True,
 ) -> Controller:
     """Return what acts in an environment of these settings as `model` does behind its wrappers.
 
@@ -39,24 +50,29 @@ def as_controller(
     if not wrappers:
         _check_observation(model, config)
     if not hasattr(model, "predict"):
-        if not (callable(model) and _takes_two(model)):
+        if not deterministic:
+            raise _not_random(model)
+        acting = Network(model) if _is_network(model) else model
+        if not (callable(acting) and _takes(acting, 2)):
             raise TypeError(
-                "model must be callable as model(observation, info), or have the method predict of "
-                f"Stable-Baselines3; got {_checks.show(model)}"
+                "model must be callable as model(observation, info), be a module of PyTorch from "
+                "observations to actions, or have the method predict of Stable-Baselines3; got "
+                f"{_checks.show(model)}"
             )
-        return Behind(model, wrappers) if wrappers else model
-    if not wrappers and getattr(model, "get_env", None) is not None:
+        return Behind(acting, wrappers) if wrappers else acting
+    if wrappers:
+        _check_shape(model, wrappers[-1])
+    elif getattr(model, "get_env", None) is not None:
         wrappers = trained_through(model, config)
-        if all(map(is_normalizing, wrappers)):
-            check_space(model, config)
+        check_space(model, config, wrappers)
     check_statistics(model, wrappers)
-    return Behind(Predicting(model), wrappers)
+    return Behind(Predicting(model, deterministic=deterministic), wrappers)
 
 
-def _takes_two(model: Any) -> bool:
-    """Return whether a model can be called with an observation and an info."""
+def _takes(model: Any, count: int) -> bool:
+    """Return whether a model can be called with that many arguments."""
     try:
-        inspect.signature(model).bind(None, None)
+        inspect.signature(model).bind(*[None] * count)
     except TypeError:
         return False
     except ValueError:  # compiled, without a signature
@@ -92,29 +108,135 @@ def _check_observation(model: Any, config: EnvConfig) -> None:
             )
 
 
-def check_space(model: Any, config: EnvConfig) -> None:
-    """Raise an error if a model was trained on as many numbers, with other bounds."""
-    trained: Any = getattr(model, "observation_space", None)
-    shown: Any = config.observation_space
-    both = isinstance(trained, Box) and isinstance(shown, Box)
-    if both and trained.shape == shown.shape and trained != shown:
+def check_space(model: Any, config: EnvConfig, wrappers: Sequence[Any] = ()) -> None:
+    """Raise an error if a model was trained on other numbers, or on as many with other bounds.
+
+    The `wrappers` of its training stood around the environment that showed them.
+    """
+    inner = [_observed_by(each) for each in layers_of(next(iter(wrappers), None))][1:]
+    trained = next((space for space in inner if space is not None), _observed_by(model))
+    shown, acting = config.observation_space, getattr(model, "action_space", None)
+    if not any(isinstance(each, VectorActionWrapper) for each in wrappers):
+        _check_actions(acting, config)
+    if not (isinstance(trained, Box) and isinstance(shown, Box)):
+        return
+    if trained.shape != shown.shape:
+        raise _other_size(trained.shape, shown.shape)
+    if all(map(is_normalizing, wrappers)) and trained != shown:
         raise ValueError(
             f"observation must be as in the model's training, {trained}, got "
             f"{config.observation!r}, {shown}"
         )
 
 
+def _check_actions(trained: Any, config: EnvConfig) -> None:
+    """Raise an error if the actions of a model are others: torques, or numbers of torques."""
+    taken = config.action_space
+    discrete = isinstance(trained, Discrete), isinstance(taken, Discrete)
+    if discrete == (True, True) and trained == taken:
+        return
+    if True in discrete and isinstance(trained, (Box, Discrete)):
+        raise ValueError(
+            f"torque_levels must be as in the model's training, with actions {trained}, got "
+            f"{config.torque_levels}, with actions {taken}"
+        )
+    if isinstance(trained, Box) and trained.shape != taken.shape:
+        raise ValueError(
+            f"actuated must have as many motors as in the model's training, {trained.shape[0]}, "
+            f"got {config.joints.tolist()}"
+        )
+
+
+def _check_shape(model: Any, outermost: Any) -> None:
+    """Raise an error if the environment's wrappers show a model more or fewer numbers."""
+    trained, shown = _observed_by(model), _observed_by(outermost)
+    if isinstance(trained, Box) and isinstance(shown, Box) and trained.shape != shown.shape:
+        raise _other_size(trained.shape, shown.shape)
+
+
+def _observed_by(env: Any) -> Any:
+    """Return the space of the observations of a model, or of one lane of an environment."""
+    single = getattr(env, "single_observation_space", None)
+    return getattr(env, "observation_space", None) if single is None else single
+
+
+def _other_size(trained: tuple[int, ...], shown: tuple[int, ...]) -> ValueError:
+    return ValueError(
+        f"env must show observations of the shape {trained}, on which the model was trained, got "
+        f"{shown}: give the environment of its training, model.get_env(), or the keywords of that, "
+        'such as {"id": ..., "n": 1}'
+    )
+
+
+def _not_random(model: Any) -> ValueError:
+    return ValueError(
+        "deterministic must be True for a model without a method predict that takes it, such as "
+        f"a Policy, a controller or a function; got False for {_checks.show(model)}: let a "
+        "function draw the actions"
+    )
+
+
+def _is_network(model: Any) -> bool:
+    """Return whether a model is a module of PyTorch that takes observations alone."""
+    forward = getattr(model, "forward", None)
+    if forward is None or not hasattr(model, "named_modules") or not _takes(forward, 1):
+        return False
+    return "info" not in inspect.signature(forward).parameters
+
+
+class Network:
+    """A module of PyTorch, from observations to actions, as a controller.
+
+    It acts as in evaluation, without dropout say, and is left as it was.
+    """
+
+    def __init__(self, module: Any) -> None:
+        self._module = module
+
+    def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
+        """Return the actions."""
+        import torch
+
+        del info
+        module, like = self._module, next(self._module.parameters(), torch.zeros(()))
+        training = [each for each in module.modules() if each.training]
+        try:
+            for each in training:
+                each.training = False
+            with torch.no_grad():
+                found = module(torch.as_tensor(observation).to(like))
+        except RuntimeError as error:
+            raise ValueError(
+                "model must take observations of the environment, of the shape "
+                f"{np.shape(observation)}, got an error from the module: {error}. Give the "
+                'keywords of its training, such as {"id": ..., "n": 1}'
+            ) from error
+        finally:
+            for each in training:
+                each.training = True
+        if not isinstance(found, torch.Tensor):
+            raise TypeError(
+                "model must return a tensor of actions, got "
+                f"{_checks.show(found)}: give a function, model(observation, info), that "
+                "returns the actions"
+            )
+        return found.cpu().numpy()
+
+
 class Predicting:
-    """The deterministic actions of a model, whose state is kept from step to step.
+    """The actions of a model, whose state is kept from step to step.
 
     A recurrent model starts from a new state where ``info["time"]`` is 0.
     """
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: Any, *, deterministic: bool = True) -> None:
         self._predict = model.predict
         parameters = inspect.signature(self._predict).parameters
         anything = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
         self._takes = [name for name in _OF_PREDICT if anything or name in parameters]
+        if not deterministic and "deterministic" not in self._takes:
+            raise _not_random(model)
+        self._deterministic = deterministic
         self._state: Any = None
 
     def reset(self, num_envs: int) -> None:
@@ -126,7 +248,8 @@ class Predicting:
         """Return the actions."""
         begins = np.atleast_1d(info["time"]) == 0.0
         state = None if begins.all() else self._state
-        given = {"state": state, "episode_start": begins, "deterministic": True}
+        given = {"state": state, "episode_start": begins}
+        given["deterministic"] = self._deterministic
         found = self._predict(observation, **{name: given[name] for name in self._takes})
         if not isinstance(found, tuple):
             return found

@@ -16,7 +16,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, joint_motion, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, Result, joint_motion, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
@@ -24,8 +24,8 @@ UP = 0.9  # of the chain's length: the tip above it is up
 _SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged
 
 
-@dataclass(frozen=True, eq=False)
-class Performance:
+@dataclass(frozen=True, eq=False, repr=False)
+class Performance(Result):
     """How well each swing-up was done, arrays of shape (episodes,), see `performance`.
 
     Attributes

@@ -15,7 +15,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.evaluation.criteria import CRITERIA, RolloutGroup, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Observer, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Observer, Result, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, EnvSetting, judging, setting_of
 
@@ -54,8 +54,8 @@ class Outcome(NamedTuple):
         return self.values[own], self.survived[own]
 
 
-@dataclass(frozen=True, eq=False)
-class Robustness:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robustness(Result):
     """How much a model survives, see `robustness`.
 
     Attributes

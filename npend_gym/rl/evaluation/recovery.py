@@ -20,7 +20,7 @@ from npend_gym.envs.settings import MAX_DELAY
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, holding_torques
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
-from npend_gym.rl.evaluation.rollouts import Controller, forget, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, Result, forget, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
@@ -117,8 +117,8 @@ class Held:
         return self._action
 
 
-@dataclass(frozen=True, eq=False)
-class Recovery:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recovery(Result):
     """How long the chain was up in each episode, see `recovery`.
 
     Attributes

@@ -40,6 +40,16 @@ class Controller(Protocol):
         ...
 
 
+class Result:
+    """The base of results that are printed as one line, the means of `as_row`."""
+
+    as_row: Any
+
+    def __repr__(self) -> str:
+        row = ", ".join(f"{name}={value:g}" for name, value in self.as_row().items())
+        return f"{type(self).__name__}({row})"
+
+
 class Step(NamedTuple):
     """What happened in one step of B lanes."""
 

@@ -173,17 +173,19 @@ def rescuing_policy(name: str, config: EnvConfig) -> Policy:
     if policy.has_memory or own.observe_context or own.observes_goals:
         raise ValueError(
             "rescuer must be a policy that observes the present state alone, without memory, goal "
-            f"and context, got {name!r}"
+            f'and context, got {name!r}: rescuer="" (--set rescuer=) leaves it out, "mpc" plans '
+            "again"
         )
-    kinds = [
-        (each.n, each.has_cart, each.joints.tolist(), each.action_limits.tolist())
+    own_kind, needed = (
+        f"n={each.n}, cart={each.has_cart}, motors {each.joints.tolist()}, limits "
+        f"{each.action_limits.tolist()}"
         for each in (own, config)
-    ]
-    if kinds[0] != kinds[1]:
-        rods, cart, joints, limits = kinds[0]
+    )
+    if own_kind != needed:
         raise ValueError(
             "rescuer must be a policy of the same number of rods, cart, motors and limits, got "
-            f"{name!r} with n={rods}, cart={cart}, motors {joints}, limits {limits}"
+            f"{name!r} with {own_kind} for an environment with {needed}: "
+            f'rescuer="" (--set rescuer=) leaves it out, "mpc" plans again'
         )
     return policy
 

@@ -1,0 +1,1216 @@
+/* A policy, written by npend_gym 0.1.0
+ *
+ * Its environment, in SI units, and what made it:
+ *   "env": {
+ *     "n": 2,
+ *     "mode": "balance",
+ *     "observation": "sincos"
+ *   },
+ *   "dt": 0.02,
+ *   "action_limits": [
+ *     14.715
+ *   ],
+ *   "provenance": {
+ *     "trained_by": "shac",
+ *     "clock": "processor time",
+ *     "training": {
+ *       "steps": 59840,
+ *       "seconds": 53.14,
+ *       "return": 999.873159,
+ *       "success": 1.0,
+ *       "value": 0.861619,
+ *       "critic_error": 4.6e-05
+ *     },
+ *     "package": "npend_gym",
+ *     "version": "0.1.0",
+ *     "python": "3.11.7",
+ *     "numpy": "2.4.6",
+ *     "numba": "0.68.1",
+ *     "arguments": {
+ *       "env": {
+ *         "n": 2,
+ *         "mode": "balance",
+ *         "observation": "sincos"
+ *       },
+ *       "seed": 2,
+ *       "total_timesteps": 60000,
+ *       "num_envs": 32,
+ *       "horizon": 10,
+ *       "updates": 15,
+ *       "batch_size": 64,
+ *       "critic_batch_size": 512,
+ *       "memory": 40000,
+ *       "trust": 1.0,
+ *       "actor_learning_rate": 0.004,
+ *       "critic_learning_rate": 0.004,
+ *       "gamma": 0.98,
+ *       "tau": 0.05,
+ *       "slope_coef": 0.02,
+ *       "max_grad_norm": 1.0,
+ *       "hidden": 64,
+ *       "critic_hidden": 128,
+ *       "obs_scale": [
+ *         1.0,
+ *         1.0,
+ *         5.0
+ *       ],
+ *       "exploration": 0.3,
+ *       "saturation_coef": 0.01,
+ *       "episode": 64,
+ *       "speed": 2.5,
+ *       "knocked": 0.0
+ *     },
+ *     "seed": 2,
+ *     "torch": "2.13.0+cpu",
+ *     "evaluation": {
+ *       "episodes": 100,
+ *       "success": 1.0,
+ *       "success_low": 0.963,
+ *       "success_high": 1.0,
+ *       "return": 999.87,
+ *       "settling_time": 0.0,
+ *       "motor_work": 0.02
+ *     }
+ *   }
+ *
+ * C99 in one file: no allocation, no static memory that changes, no library, not even libm. Each
+ * operation is rounded, so that results have the same bits with every compiler that rounds them
+ * too: -ffp-contract=off says so, and -ffast-math is wrong.
+ */
+#ifndef NPEND_POLICY_H
+#define NPEND_POLICY_H
+
+#define NPEND_RODS 2
+#define NPEND_JOINTS 1 /* actions within [-1, 1]: torque at joint 0 */
+#define NPEND_MOTOR 0 /* joint of the first action; NPEND_RODS is the cart */
+#define NPEND_DT 0.02 /* [s], between two calls of npend_policy_act */
+#define NPEND_RELATIVE 0 /* whether sensors show each rod relative to the one above */
+#define NPEND_CART 0 /* whether there is a cart */
+
+static const double npend_limits[NPEND_JOINTS] = {
+    0x1.d6e147ae147aep+3}; /* N m or N, of the action 1 */
+
+static inline double npend_within(double x, double limit)
+{
+    return x > limit ? limit : x < -limit ? -limit : x;
+}
+
+/* Return the largest whole number that is not above x, for |x| < 1e6. */
+static inline double npend_floor(double x)
+{
+    const double whole = x > -1e6 && x < 1e6 ? (double)(long)x : 0.0;
+    return whole > x ? whole - 1.0 : whole;
+}
+
+/* Of one sensor, the angle and the velocity that are estimated; npend_estimate_reset begins */
+typedef struct {
+    int begun;
+    double angle, velocity;
+} npend_estimator;
+
+static inline void npend_estimate_reset(npend_estimator *state)
+{
+    state->begun = 0;
+}
+
+/* Return the velocity of what a sensor shows now: VelocityEstimator of npend_gym.rl.
+ *
+ * shown: angle [rad], or position of a cart [m].
+ * dt: time since the call before [s], by the controller's clock; not used by the first call.
+ * time_constant: a change of the velocity is seen twice as long, and dt / 2, later [s].
+ * period: what an encoder of one turn starts again after, 2 pi [rad]; 0 for a cart.
+ */
+static inline double npend_estimate(npend_estimator *state, double shown, double dt,
+    double time_constant, double period)
+{
+    double error, share;
+    if (!state->begun) {
+        state->begun = 1, state->angle = shown, state->velocity = 0.0;
+        return 0.0;
+    }
+    state->angle += dt * state->velocity;
+    error = shown - state->angle;
+    if (period > 0.0)
+        error -= period * npend_floor(error / period + 0.5);
+    share = dt / (time_constant + dt);
+    state->angle += share * (2.0 - share) * error;
+    state->velocity += share / (time_constant + dt) * error;
+    return state->velocity;
+}
+
+/* The policy. Its network is computed in float, and what sensors show in double. Every 0.02 s:
+ *
+ *     static npend_policy policy;           once: npend_policy_reset(&policy);
+ *     float observation[NPEND_OBSERVED], action[NPEND_JOINTS];
+ *     double torque[NPEND_JOINTS];
+ *
+ *     npend_policy_observe(theta, omega, 0, 0, observation);      velocities: npend_estimate
+ *     npend_policy_act(&policy, observation, action);
+ *     npend_policy_torque(action, torque);
+ *
+ * What is not a number stays one: an action that is not within [-1, 1] must not reach a motor.
+ */
+#define NPEND_OBSERVED 6 /* numbers in an observation: 2 sines, 2 cosines, 2 velocities */
+#define NPEND_FRAMES 1 /* observations that the network is given, the newest first */
+#define NPEND_REMEMBERED 0 /* actions beside each of them: those before it */
+#define NPEND_ENTRIES (NPEND_OBSERVED + NPEND_REMEMBERED)
+#define NPEND_INPUTS (NPEND_FRAMES * NPEND_ENTRIES)
+#define NPEND_SINES 1 /* whether observations hold sines and cosines, not angles */
+#define NPEND_VELOCITIES 1 /* whether velocities are observed, */
+#define NPEND_GOALS 0 /* and a goal */
+#define NPEND_LAYERS 3
+#define NPEND_WIDEST 64
+
+static const int npend_sizes[NPEND_LAYERS + 1] = {6, 64, 64, 1};
+static const float npend_scale[NPEND_INPUTS] = {
+    0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1.4p+2f, 0x1.4p+2f};
+/* Of each layer the biases, then for each input its weights */
+static const float npend_numbers[] = {
+    0x1.cd6d08p-6f, -0x1.628f06p-4f, 0x1.80671cp-4f, -0x1.1ec0cp-6f, -0x1.21215cp-4f,
+    0x1.07bc62p-3f, 0x1.e5457cp-4f, 0x1.345468p-5f, 0x1.54b4f6p-5f, 0x1.47e26p-4f, -0x1.51467cp-4f,
+    -0x1.74767p-5f, 0x1.98a9e6p-5f, 0x1.ce4d28p-5f, -0x1.8a6e7ep-8f, 0x1.e81be4p-8f,
+    -0x1.381d2ep-6f, -0x1.0408acp-2f, 0x1.5dde92p-6f, 0x1.92afd4p-3f, 0x1.53a99ep-7f,
+    0x1.27e564p-4f, 0x1.2853bp-6f, 0x1.90540cp-4f, -0x1.1c2348p-5f, -0x1.ebfa8ep-4f, 0x1.e65348p-4f,
+    -0x1.8750dcp-5f, -0x1.18f954p-7f, -0x1.05e8ep-7f, -0x1.895b66p-4f, 0x1.6c7d52p-6f,
+    -0x1.68dbdcp-5f, -0x1.3e0ddep-7f, -0x1.83ebf2p-4f, 0x1.8d9e8ep-4f, 0x1.26e21cp-5f,
+    -0x1.53ddd4p-7f, 0x1.01e932p-4f, 0x1.a9e90ap-7f, -0x1.7b701p-3f, -0x1.603b0ep-7f,
+    0x1.461be2p-5f, 0x1.d5137p-5f, 0x1.15719cp-6f, 0x1.657b44p-9f, 0x1.da1572p-9f, -0x1.8d8768p-8f,
+    -0x1.7673cep-8f, 0x1.0f9852p-4f, -0x1.f4d948p-11f, 0x1.2c2c04p-11f, -0x1.30e6bap-5f,
+    0x1.47123ep-5f, 0x1.267fd8p-4f, -0x1.00dfep-4f, 0x1.450b7cp-6f, 0x1.c92716p-6f, -0x1.bd51aap-7f,
+    -0x1.b5d88p-5f, 0x1.00c5cap-7f, -0x1.715a68p-9f, -0x1.66d5c4p-5f, -0x1.d731ccp-7f,
+    0x1.742462p-3f, -0x1.d1de88p-3f, -0x1.784d9ap-6f, -0x1.321edap-2f, -0x1.707554p-1f,
+    -0x1.3aa2a8p-2f, 0x1.df8848p-2f, 0x1.6f04dap-2f, 0x1.3b4584p-3f, 0x1.8c4f44p-2f, 0x1.ed536ep-2f,
+    -0x1.289f66p-1f, 0x1.9653c6p-1f, 0x1.cf1c22p-2f, -0x1.b8dd8ap-2f, -0x1.ce7188p-4f,
+    0x1.9ff7c6p-2f, -0x1.6caebp-1f, -0x1.0c5cbcp-1f, 0x1.7b1f62p-1f, 0x1.01ac02p-1f,
+    -0x1.28fca4p-1f, 0x1.c7427ap-2f, 0x1.4121b8p-3f, 0x1.ad3bc8p-3f, -0x1.1e9d7p-2f,
+    -0x1.5a40bcp-4f, 0x1.9b2214p-3f, 0x1.2098eep-3f, -0x1.d17fcap-1f, -0x1.49719ep-2f,
+    0x1.a06cfcp-1f, -0x1.c46feep-2f, -0x1.8597ep-4f, -0x1.d05db4p-2f, 0x1.402036p-3f, 0x1.b1016p-2f,
+    -0x1.a424e2p-3f, 0x1.fef47ap-2f, 0x1.2d6078p-1f, -0x1.765d66p-3f, -0x1.d89288p-3f,
+    -0x1.936b12p-4f, 0x1.294f6cp-2f, 0x1.d14b0ap-6f, 0x1.9d36fp-3f, -0x1.d90efep-2f,
+    -0x1.73b64cp-5f, -0x1.4db67ap-1f, 0x1.2fe6dp-3f, 0x1.ca503p-2f, 0x1.abda5cp-5f, -0x1.3ed3fap-5f,
+    0x1.1abcecp-3f, 0x1.3eeb1cp-1f, -0x1.2d34ecp-3f, 0x1.9f4dd2p-4f, 0x1.b9bf6ep-2f, 0x1.48d1p-2f,
+    -0x1.bde75ap-3f, 0x1.b71932p-4f, 0x1.c85698p-2f, -0x1.10acd8p-1f, -0x1.178d78p-3f,
+    -0x1.21c1f8p-1f, -0x1.5eba12p-3f, -0x1.bea9eap-1f, 0x1.0c2cfp-1f, -0x1.1d9a68p-4f,
+    -0x1.24cac2p-5f, -0x1.f4f24p-2f, -0x1.d72d6ep-1f, -0x1.2d68f4p-1f, 0x1.73552cp-1f,
+    -0x1.3024bap-1f, 0x1.4954bap-1f, -0x1.f83878p-1f, -0x1.f58a76p-2f, 0x1.ebcc72p-2f,
+    0x1.4771b4p-1f, 0x1.20e0d4p-4f, -0x1.6ea468p-5f, -0x1.fea416p-1f, 0x1.14df62p-2f,
+    -0x1.303c94p-1f, 0x1.8a3e2ap-2f, -0x1.007612p-2f, 0x1.ed64cp-2f, 0x1.977dcep-2f, 0x1.92155ep-1f,
+    0x1.5060dp-1f, -0x1.0e0c7p-2f, 0x1.55dd18p-1f, -0x1.51d4a8p-1f, 0x1.9690e2p-1f, 0x1.2d3766p-1f,
+    -0x1.abe3fcp-1f, 0x1.64fa76p-8f, 0x1.7669dcp-3f, 0x1.82bf2cp-2f, 0x1.17cc08p-4f, 0x1.3f6c2ep-2f,
+    -0x1.a84f88p-2f, 0x1.152fcap-1f, 0x1.00b86ap-2f, 0x1.f0f606p-2f, -0x1.6df5bap-1f,
+    -0x1.5fc4fap-3f, 0x1.20b906p-1f, -0x1.c00fb6p-2f, 0x1.c8b7d8p-2f, 0x1.7b77b2p-1f,
+    0x1.6fd3acp-1f, -0x1.f926c8p-2f, 0x1.3c850ap-4f, -0x1.9c70b2p-2f, -0x1.1ce774p-1f,
+    -0x1.122fb2p-1f, -0x1.2a4348p-10f, 0x1.830266p-1f, -0x1.74bdd4p-1f, -0x1.1ad82ep-2f,
+    0x1.66b82cp-1f, -0x1.59c5ccp-2f, -0x1.0954eap+0f, -0x1.30905cp-2f, 0x1.304be8p-1f,
+    0x1.326fc2p-1f, 0x1.26420ap-5f, 0x1.035a1cp-3f, 0x1.a72f3ep-7f, 0x1.451a4ep-2f, 0x1.49900ap-2f,
+    -0x1.3c7ed8p-2f, 0x1.5e49cep-2f, -0x1.370a62p-6f, -0x1.c547bp-5f, 0x1.bfb664p-4f,
+    -0x1.7d394cp-3f, 0x1.622858p-3f, 0x1.04b30cp-6f, 0x1.d8c3a4p-3f, 0x1.768804p-2f,
+    -0x1.bb52b4p-4f, 0x1.ea59cp-3f, 0x1.4994ecp-3f, -0x1.274094p-6f, -0x1.31808cp-2f,
+    0x1.2d1bbcp-3f, 0x1.e9b67ap-4f, -0x1.4ca86ep-5f, 0x1.f7c59ep-3f, -0x1.3e1ef8p-2f, 0x1.84759p-3f,
+    0x1.41baecp-4f, -0x1.46754p-5f, -0x1.88b94ep-5f, -0x1.90c424p-3f, 0x1.1047c6p-3f,
+    -0x1.257766p-8f, -0x1.40ff5ep-3f, 0x1.78c882p-7f, 0x1.9da55ep-3f, 0x1.c24e5ep-3f,
+    0x1.3b7bc2p-5f, 0x1.44ed9ap-2f, 0x1.0b53e2p-2f, -0x1.8d6d02p-3f, -0x1.eff916p-2f,
+    -0x1.5e9406p-4f, 0x1.1c39fap-3f, 0x1.3665dep-3f, -0x1.1f7b3cp-4f, -0x1.23b60cp-2f,
+    0x1.160faep-3f, 0x1.6f70cap-3f, -0x1.9cf11p-5f, 0x1.7d15fep-3f, -0x1.3096d6p-3f, 0x1.30a9ep-5f,
+    0x1.876e06p-7f, -0x1.335b36p-4f, 0x1.8d98d4p-6f, -0x1.c1bc32p-6f, 0x1.baba28p-5f, 0x1.17f92p-2f,
+    0x1.e78974p-3f, 0x1.91fa0ep-3f, -0x1.2c297ep-5f, -0x1.c932dep-3f, -0x1.c8fdcp-3f,
+    0x1.161182p-2f, 0x1.240fb6p-2f, 0x1.dd74e2p-6f, 0x1.373814p-4f, -0x1.cf9668p-4f, 0x1.69cc0ep-2f,
+    0x1.4826a2p-2f, 0x1.112028p-2f, 0x1.267c78p-3f, 0x1.4ed97p-4f, -0x1.f32108p-4f, 0x1.412cc6p-4f,
+    0x1.9acf7ap-3f, -0x1.5d7f18p-4f, -0x1.0f5ffap-6f, -0x1.347a56p-2f, -0x1.867c06p-3f,
+    -0x1.fe7d6cp-3f, -0x1.072ef4p-3f, 0x1.09dd76p-6f, -0x1.51d1c2p-2f, -0x1.b43cd4p-4f,
+    0x1.4dbae4p-3f, 0x1.1ae93p-3f, 0x1.a814dep-3f, 0x1.0e6b84p-2f, -0x1.f6e7b4p-4f, 0x1.5d8fd4p-4f,
+    -0x1.a16abap-3f, -0x1.39a26p-4f, -0x1.1bd368p-3f, -0x1.37edcp-6f, 0x1.1b5834p-4f,
+    0x1.5677b2p-6f, -0x1.955e3ap-5f, -0x1.c795c2p-3f, 0x1.8ebf26p-3f, -0x1.4d254cp-2f,
+    0x1.50eb32p-3f, 0x1.0b40f2p-5f, -0x1.5bdec4p-2f, -0x1.b269e6p-6f, -0x1.1b3e9cp-6f,
+    -0x1.1a1a6ap-3f, 0x1.5c2f6cp-3f, -0x1.00b2fcp-2f, 0x1.3db528p-2f, 0x1.6f458ep-5f,
+    -0x1.6715eep-3f, -0x1.2c10fcp-3f, -0x1.d217a8p-8f, -0x1.4ff8cep-3f, -0x1.6a2ddp-5f,
+    -0x1.dba60ap-6f, 0x1.084a94p-2f, -0x1.8a5ebap-2f, 0x1.88b6ep-6f, -0x1.00076p-2f, 0x1.27e318p-5f,
+    0x1.608e52p-2f, 0x1.9513c2p-2f, 0x1.0f156ep-4f, -0x1.56cd9ep-3f, -0x1.3af068p-4f,
+    -0x1.2986e4p-2f, -0x1.2cfe12p-3f, 0x1.f2c4dep-1f, 0x1.be984p-1f, -0x1.92a704p-6f,
+    0x1.aa4ae4p-3f, 0x1.ed28fcp-2f, 0x1.c550e4p-3f, 0x1.add1dp-2f, 0x1.af9cb4p-2f, -0x1.5b6ba2p-1f,
+    -0x1.d32852p-2f, 0x1.d03afcp-1f, 0x1.09fae6p+0f, -0x1.3ee468p-3f, 0x1.21c976p-1f,
+    0x1.da1e16p-4f, -0x1.8c3a1ap-1f, 0x1.60f6bp-1f, 0x1.9ee21ep-1f, -0x1.47e62ap-1f,
+    -0x1.9989f2p-3f, 0x1.1b3d78p-1f, -0x1.cd87a6p-1f, -0x1.7b240ap-2f, -0x1.fef6d6p-1f,
+    -0x1.9f047cp-2f, -0x1.47258p-2f, -0x1.29b1a8p-1f, -0x1.eed5dp-2f, 0x1.cb065p-1f, 0x1.a2c6cap-3f,
+    -0x1.6963fep+0f, 0x1.d92a0cp-1f, 0x1.941e3ep-1f, 0x1.2ccb1ep-1f, -0x1.4d839p-3f,
+    -0x1.7e9896p-1f, 0x1.87ef0ap-2f, -0x1.8fe9e6p-1f, -0x1.468338p-1f, 0x1.530262p-1f,
+    0x1.564336p-1f, 0x1.d5bcb2p-2f, -0x1.4b8588p-2f, -0x1.4a3716p-2f, 0x1.7a7262p-3f,
+    0x1.aeecfap-2f, -0x1.056c2cp-1f, 0x1.04a34ep-1f, 0x1.d01d78p-2f, -0x1.104d1p-1f, 0x1.4ac012p-1f,
+    0x1.5da47p-2f, 0x1.a22d7p-3f, -0x1.7b9624p-3f, -0x1.e0ec6p-1f, -0x1.3273fp-3f, -0x1.f9668ap-1f,
+    -0x1.146d76p-2f, 0x1.39e05cp-1f, 0x1.4fd66p-1f, -0x1.cd0af2p-1f, 0x1.d5707ep-4f, -0x1.d20c2p-2f,
+    0x1.8d28acp-1f, 0x1.14cd6ep-1f, 0x1.2fe6cap+0f, -0x1.067aacp+0f, -0x1.ccadap-5f, 0x1.1df4b8p-2f,
+    0x1.974b74p-4f, 0x1.daac76p-1f, 0x1.4d21fcp+0f, -0x1.129048p+0f, 0x1.00c404p-1f, 0x1.2eda18p-2f,
+    0x1.e19224p-3f, 0x1.02c61p+0f, -0x1.0df638p-1f, 0x1.786726p-2f, -0x1.f7f2e8p-1f, 0x1.19e826p-2f,
+    0x1.2af338p+0f, -0x1.570a92p-1f, 0x1.da8cc2p-1f, -0x1.680a3ep-2f, 0x1.5d0b02p-2f,
+    -0x1.138c78p+0f, -0x1.3b796p+0f, -0x1.cb1bfcp-1f, -0x1.d31dbep-1f, -0x1.457f2ep-4f,
+    -0x1.1077cep+0f, 0x1.27a7dap+0f, -0x1.557022p-1f, -0x1.d61332p-1f, 0x1.06c8bap+0f,
+    0x1.cdc62cp-5f, 0x1.b88c4ep-1f, -0x1.3a67cap+0f, -0x1.e1b58ap-2f, -0x1.390006p-1f,
+    -0x1.fa5c9ep-2f, -0x1.c019aep-1f, -0x1.6b15fcp-1f, -0x1.39afd8p-3f, 0x1.642d86p+0f,
+    0x1.467dbcp-1f, -0x1.ecb9fp-1f, 0x1.302beep+0f, -0x1.8850d6p-5f, -0x1.bb2b48p-1f,
+    -0x1.a9617ap-2f, 0x1.77629p-1f, -0x1.b28ac8p-3f, 0x1.005474p+0f, 0x1.423f46p+0f, 0x1.81f5d4p-1f,
+    -0x1.5e9e42p-2f, -0x1.0bcc38p+0f, 0x1.6bdfd2p-1f, 0x1.d4f2c8p-2f, -0x1.5862a4p-1f,
+    0x1.49823cp-3f, 0x1.12ba5ap+0f, -0x1.004a32p-1f, -0x1.df0b18p-3f, -0x1.09d512p+0f,
+    -0x1.101748p-7f, -0x1.cb1fa6p-3f, -0x1.72e50ap-3f, -0x1.33e0a8p-4f, -0x1.0e3e98p-4f,
+    -0x1.a58454p-6f, 0x1.8fc9ep-4f, 0x1.e57bf4p-5f, -0x1.82a16ep-3f, -0x1.e7f15ap-4f,
+    -0x1.aba3f2p-4f, 0x1.5c3536p-5f, 0x1.f24654p-4f, -0x1.0da4d4p-3f, 0x1.810e88p-9f,
+    0x1.1a69ecp-5f, -0x1.4b24e8p-5f, 0x1.72a744p-3f, 0x1.4375cp-3f, 0x1.a645a4p-3f, -0x1.d51174p-4f,
+    0x1.ac4406p-9f, -0x1.e63716p-4f, -0x1.6e6fd6p-4f, 0x1.d77a18p-8f, 0x1.0eae06p-3f,
+    -0x1.4eb2f8p-3f, -0x1.53ea12p-4f, 0x1.ec28ecp-4f, -0x1.d9eb76p-4f, 0x1.51c378p-4f,
+    0x1.7da52ep-7f, 0x1.3c4f0ap-6f, -0x1.17e1ccp-5f, 0x1.60e0a8p-5f, -0x1.5be836p-3f,
+    0x1.7027f2p-4f, -0x1.8179f2p-5f, 0x1.b57e5ap-5f, -0x1.5ca1dep-7f, -0x1.907d26p-4f,
+    -0x1.b26d4ap-7f, -0x1.2f64c2p-4f, -0x1.177e9p-5f, 0x1.3f458ap-4f, 0x1.1ef046p-2f,
+    0x1.24f128p-7f, -0x1.ad5e1ep-5f, 0x1.432956p-4f, -0x1.097382p-2f, -0x1.43f114p-3f,
+    -0x1.9369aep-3f, 0x1.1a8426p-3f, -0x1.3984d4p-4f, -0x1.bd5e94p-4f, 0x1.020bc4p-5f,
+    0x1.dd52e6p-7f, 0x1.a89bb4p-7f, -0x1.fc8af8p-4f, 0x1.66846cp-6f, 0x1.75e3dep-3f, 0x1.7611ep-5f,
+    -0x1.6738f4p-6f, -0x1.44eeeap-3f, -0x1.e60ff4p-4f, -0x1.9f6efep-3f, -0x1.d2ae72p-5f,
+    0x1.5f0b64p-1f, 0x1.a383fcp-2f, -0x1.11976p-2f, 0x1.9d0f36p-6f, -0x1.01bc0ap-1f, 0x1.63bf16p-4f,
+    0x1.901952p-4f, 0x1.774b3ap-5f, -0x1.5f8486p-6f, -0x1.ef3c04p-3f, 0x1.752aeep-1f,
+    0x1.880ef2p-5f, 0x1.0d36bep-2f, 0x1.2c00eep-2f, -0x1.86b6ap-2f, -0x1.179d9cp-2f,
+    -0x1.df1a3ap-4f, 0x1.fcf906p-4f, 0x1.32d00ep-4f, -0x1.984fdp-4f, 0x1.959654p-3f, 0x1.efd932p-4f,
+    -0x1.111cf6p-3f, 0x1.ccfc36p-3f, 0x1.438d06p-3f, -0x1.d313f2p-3f, 0x1.76875ep-3f,
+    -0x1.5f992ap-3f, -0x1.ec9c3ap-3f, 0x1.b71636p-2f, 0x1.05b8cap-1f, 0x1.1e1f84p-3f,
+    0x1.889814p-2f, -0x1.40a1dcp-5f, 0x1.26c484p-7f, -0x1.bd8f3p-4f, 0x1.947de8p-3f,
+    -0x1.0ab6dep-2f, 0x1.cf8a62p-4f, -0x1.012c32p-2f, -0x1.04a55p-2f, 0x1.783598p-14f,
+    -0x1.2fba58p-2f, 0x1.305bfcp-2f, 0x1.464462p-3f, -0x1.4f5e26p-2f, 0x1.c609fp-2f, 0x1.bccabep-3f,
+    0x1.06773p-1f, -0x1.74503ap-1f, 0x1.b3faa6p-3f, 0x1.75a0bep-3f, 0x1.94200cp-3f, -0x1.7f603p-5f,
+    0x1.16e9ecp-2f, 0x1.c7d99ep-2f, -0x1.538e26p-3f, 0x1.c9ae2cp-3f, -0x1.a10088p-5f, 0x1.680b7p-2f,
+    0x1.93203cp-3f, -0x1.b13d3ap-4f, 0x1.202a62p-1f, -0x1.96b3f8p-4f, 0x1.d31ccep-4f, 0x1.33ee8p-1f,
+    0x1.1f752p-2f, -0x1.6c1968p-6f, -0x1.3ff6p-2f, 0x1.4d85e6p-3f, -0x1.45ffa6p-1f, 0x1.de20bp-2f,
+    -0x1.34426ep-6f, -0x1.7bed1p-2f, 0x1.09a72cp-5f, -0x1.b037bap-7f, 0x1.31cae2p-1f,
+    -0x1.442a6ap-2f, 0x1.61975ep-8f, 0x1.9334aap-3f, -0x1.4bbf68p+0f, 0x1.ce8be4p-8f,
+    0x1.0fb07ep-5f, 0x1.a749aap-5f, -0x1.12bd1ep-3f, -0x1.48e254p-4f, -0x1.52a3fep-4f,
+    0x1.2fc292p-2f, 0x1.73f446p-3f, 0x1.3dc63cp-1f, 0x1.319d64p-2f, -0x1.acceb2p-2f,
+    -0x1.1ffa92p-3f, -0x1.4efef4p-2f, -0x1.575bfp-4f, 0x1.d83432p-8f, -0x1.2f998cp-3f,
+    0x1.1b632cp-1f, -0x1.83bfe2p-7f, -0x1.3f6b44p-5f, -0x1.29d252p-3f, 0x1.9bdf4p-3f,
+    -0x1.2dad4cp-2f, -0x1.74c904p-4f, 0x1.ac0c2p-3f, -0x1.901bfcp-2f, -0x1.570b24p+0f,
+    0x1.962d1ap-5f, -0x1.16d45ep-3f, -0x1.116e3p-2f, -0x1.043bc8p-2f, 0x1.f3ef56p-2f,
+    -0x1.9d072cp-2f, 0x1.ace5dcp-3f, 0x1.b7036ap-2f, 0x1.4c16d6p-2f, -0x1.9751b8p-7f,
+    -0x1.e825d8p-6f, 0x1.ab06c6p-3f, -0x1.394d74p-3f, 0x1.e55026p-5f, -0x1.497542p-1f,
+    -0x1.6a5652p-4f, -0x1.03b394p-6f, 0x1.00f3bcp+0f, -0x1.48a6dap-1f, -0x1.0d2874p-7f,
+    0x1.43a0fep-4f, 0x1.5f33p-2f, 0x1.70dd8ep-1f, -0x1.45d95cp-3f, -0x1.295ddap-2f, -0x1.52203p-3f,
+    -0x1.da1902p-5f, 0x1.8afa2cp-3f, -0x1.3ab82cp-2f, -0x1.926e7cp-4f, -0x1.54ad0ep-1f,
+    -0x1.8b29f6p-3f, 0x1.fb495cp-2f, 0x1.3875d4p-1f, 0x1.c7a552p-5f, 0x1.0c7f12p-2f, 0x1.fc375ep-1f,
+    -0x1.cf456ap-2f, -0x1.1614cap-2f, -0x1.bc4f3ap-4f, -0x1.113092p-3f, 0x1.ab20a4p-4f,
+    0x1.aa8728p-2f, 0x1.1ff42ep-2f, 0x1.054d4cp-4f, 0x1.d2053ap-6f, 0x1.d20afcp-5f, 0x1.3a0faap+0f,
+    -0x1.18184ep+0f, -0x1.15ed3ep-2f, -0x1.3153c4p-6f, 0x1.ed15bap-2f, 0x1.1879eap-1f,
+    -0x1.cb23dep-3f, 0x1.0a9f6ep-3f, -0x1.d39428p-2f, 0x1.f00fbcp-3f, -0x1.ca6cdep-5f,
+    -0x1.958076p-3f, -0x1.08a9p-1f, -0x1.08cc7ap-1f, 0x1.2cb7c4p-2f, 0x1.84b15p-2f, -0x1.81acc2p-1f,
+    0x1.5c65fep-1f, -0x1.3fd672p-2f, -0x1.755bd8p-4f, -0x1.57d36cp-1f, -0x1.63211ep-5f,
+    0x1.d2a66cp-8f, -0x1.059ca6p-4f, 0x1.3f7c9ep-1f, 0x1.8ee6f4p+0f, 0x1.81c71cp-2f, 0x1.00787cp-5f,
+    -0x1.1c496ep-1f, 0x1.abde9ep-2f, -0x1.41e144p-2f, -0x1.90204p-5f, -0x1.00ce88p-3f,
+    0x1.2bbb3cp-1f, 0x1.a4a4f2p-3f, 0x1.eb349ep-3f, 0x1.5afafep-1f, -0x1.af86ap-2f, -0x1.34705p-1f,
+    -0x1.d76ba2p-3f, 0x1.0181p-1f, -0x1.58f542p-4f, -0x1.cd6e32p-7f, 0x1.0ebcaep-3f,
+    -0x1.e6feb2p-4f, 0x1.a1346p-1f, -0x1.b134bep-4f, 0x1.c19cacp-3f, 0x1.909cd6p-4f,
+    -0x1.03716cp-2f, -0x1.fd2a38p-8f, 0x1.800c3cp-5f, 0x1.353fb8p-1f, -0x1.3b575cp-3f,
+    -0x1.b15456p-2f, -0x1.44f8dcp-5f, 0x1.654148p-2f, 0x1.cc7a32p-2f, -0x1.6f1856p-2f,
+    -0x1.78e8d8p-3f, -0x1.399ef8p-1f, 0x1.2de2b8p-2f, -0x1.a11b76p-3f, 0x1.0f8756p-1f,
+    -0x1.508cfp-2f, 0x1.5be5c8p-1f, -0x1.bdcbecp-4f, -0x1.fc336p-2f, -0x1.9fef4p-2f, 0x1.dbd448p-4f,
+    0x1.2a735ep-3f, 0x1.1f8454p-1f, -0x1.90979cp-3f, 0x1.e19388p-5f, 0x1.3fd614p-4f, 0x1.19a8a2p-1f,
+    0x1.a1452ep-2f, 0x1.1b7b3p-1f, 0x1.bea262p-2f, -0x1.0e33fap-2f, 0x1.e2776p-3f, -0x1.6c92d2p-2f,
+    -0x1.efc2f8p-5f, -0x1.2fa522p-4f, 0x1.052ec8p-4f, 0x1.454366p-2f, -0x1.e69af8p-3f,
+    0x1.b6e65ep-3f, -0x1.9626b2p-5f, -0x1.133654p-3f, -0x1.751a8ap-3f, -0x1.b51df8p-4f,
+    0x1.3a5092p-1f, 0x1.cbd292p-7f, -0x1.68baa8p-6f, -0x1.88addep-1f, -0x1.6247ep-3f,
+    -0x1.22023p-2f, 0x1.10d7e6p-1f, 0x1.bef59p-4f, 0x1.5214p-2f, -0x1.464098p-4f, 0x1.0dba86p-2f,
+    0x1.2143f6p-2f, 0x1.953a8cp-2f, -0x1.57da0ep-3f, 0x1.ca0b4ep-3f, 0x1.e98234p-2f,
+    -0x1.e4a5b6p-4f, 0x1.2a6bb2p-1f, -0x1.9fabbap-3f, 0x1.24e734p-4f, -0x1.22169ap-4f,
+    0x1.98a716p-4f, 0x1.1a4b94p-2f, 0x1.d01d32p-5f, -0x1.adbe56p-4f, -0x1.624d72p-3f,
+    -0x1.70a358p-2f, 0x1.3c631cp-2f, 0x1.ce43acp-5f, 0x1.d8074ep-5f, -0x1.03ef44p-2f,
+    -0x1.3b5ef4p-4f, -0x1.7a6adcp-2f, 0x1.0eb536p-1f, -0x1.7d0322p-3f, 0x1.a8e902p-3f,
+    0x1.8154eap-3f, 0x1.1086f2p-3f, 0x1.0926eep-5f, -0x1.e0ff44p-9f, -0x1.92573ap-4f,
+    -0x1.840028p-3f, 0x1.2813fp-3f, 0x1.5827a2p-2f, -0x1.e8ae8ap-7f, 0x1.feb3d2p-4f,
+    -0x1.d26b32p-5f, 0x1.fafcbap-2f, -0x1.8312a8p-6f, 0x1.2adba6p-2f, 0x1.c801ep-4f, 0x1.ed7f2cp-6f,
+    -0x1.ff8e8ep-3f, -0x1.72aaa6p-2f, 0x1.2505fp-2f, -0x1.e3e5e4p-3f, 0x1.c10deap-2f,
+    0x1.ab8b88p-2f, 0x1.7e145ep-3f, -0x1.c2f276p-3f, 0x1.f516e6p-2f, 0x1.23b046p-5f, -0x1.ae28ap-4f,
+    -0x1.a90578p-2f, -0x1.8df1dep-3f, -0x1.b49976p-7f, -0x1.7a568ap-7f, -0x1.18558ap-2f,
+    0x1.de4928p-3f, -0x1.ec032cp-5f, 0x1.42be66p-9f, -0x1.350daap-4f, 0x1.1b7224p-4f,
+    -0x1.624aep-4f, 0x1.cec22p-10f, 0x1.802f2cp-2f, 0x1.5b6b6p-3f, 0x1.10a5fp-2f, 0x1.54c8c6p-3f,
+    -0x1.e6ca1ep-10f, -0x1.ec5bc8p-2f, 0x1.05ec5ap-1f, -0x1.b56e5ep-2f, -0x1.4bcc9p-2f,
+    -0x1.56e82p-3f, -0x1.1d2d88p-6f, 0x1.194ecep-5f, 0x1.0f3542p-4f, 0x1.42f036p-5f, 0x1.ed5028p-4f,
+    -0x1.578fbp-2f, -0x1.3d5078p-3f, -0x1.684c6p-2f, -0x1.9d9dacp-2f, -0x1.08b64ap-1f,
+    -0x1.1900bcp-6f, -0x1.cc4244p-3f, 0x1.6c7aacp-3f, 0x1.f333bp-3f, -0x1.6c885cp-4f,
+    -0x1.ca033p-5f, -0x1.00d1bap-2f, -0x1.19c2cep-4f, -0x1.161256p-5f, 0x1.74872ep-2f,
+    0x1.da63bcp-3f, -0x1.e3ff1ep-2f, 0x1.9643ap-2f, -0x1.bfe602p-3f, 0x1.1ad028p-2f, 0x1.6b8c06p-3f,
+    -0x1.c9863cp-2f, -0x1.394fbp-5f, 0x1.ce73a8p-7f, 0x1.36b7fp-3f, 0x1.55277cp-3f, -0x1.0e95acp-2f,
+    -0x1.7b59c6p-4f, -0x1.57b9ecp-2f, 0x1.02d2c8p-2f, -0x1.321a2cp-2f, -0x1.868c82p-4f,
+    -0x1.291f5p-2f, 0x1.c6d3cep-4f, 0x1.9b1ceap-7f, 0x1.85737ap-2f, 0x1.de760cp-6f, -0x1.4bf28p-3f,
+    -0x1.006748p-3f, -0x1.d56922p-2f, -0x1.55eefcp-2f, -0x1.0e429ap-2f, 0x1.038ed2p-2f,
+    -0x1.0d849ep-4f, 0x1.80d134p-1f, 0x1.297bp-4f, 0x1.4fa614p-2f, 0x1.d2b0d2p-2f, 0x1.4ddb8cp-3f,
+    0x1.822a4ep-2f, 0x1.d00246p-3f, -0x1.9f25dcp-2f, -0x1.8385b2p-2f, 0x1.1210c4p-4f,
+    0x1.e85366p-6f, -0x1.1d4ca6p-4f, 0x1.d7f132p-4f, -0x1.65657ep-4f, 0x1.fb61c4p-2f,
+    -0x1.8952b8p-3f, 0x1.21defp-3f, 0x1.6a8bep-1f, -0x1.78053ap-2f, -0x1.06ed0ep-1f,
+    -0x1.89b6fcp-3f, 0x1.75d6cep-5f, 0x1.0f6b14p-3f, -0x1.e7a202p-4f, -0x1.6d21d6p-3f,
+    -0x1.912a2ep-4f, -0x1.8133fcp-5f, -0x1.2e92e8p-5f, -0x1.2d496ap-2f, -0x1.752302p-5f,
+    0x1.18bd02p-2f, -0x1.a6aa06p-4f, -0x1.3b8bacp-8f, -0x1.74ad7cp-5f, -0x1.397658p-3f,
+    0x1.4e990cp-3f, 0x1.2d0a54p-2f, 0x1.4d6e22p-5f, 0x1.55d97cp-4f, -0x1.6c89e4p-4f, 0x1.f92ce6p-3f,
+    0x1.6f26a2p-3f, -0x1.c3c3e6p-3f, 0x1.66cfb4p-4f, -0x1.e7c39ep-3f, -0x1.1cf4bcp-10f,
+    0x1.e91806p-4f, 0x1.ee2f3ap-3f, -0x1.58898ep-3f, -0x1.1f7808p-1f, 0x1.8ae7aap-3f,
+    0x1.b7c35ep-6f, 0x1.efb47cp-3f, -0x1.530592p-6f, 0x1.713ca6p-2f, 0x1.07c66p-3f, 0x1.9987c2p-3f,
+    0x1.714314p-3f, 0x1.29437cp-4f, 0x1.2c89a8p-3f, 0x1.ef05aep-5f, -0x1.23fd8ap-2f, 0x1.c79844p-3f,
+    -0x1.5f37b4p-6f, 0x1.be2744p-2f, -0x1.cb9c36p-2f, -0x1.0920b2p-2f, 0x1.576d3p-3f,
+    0x1.bc38b6p-1f, 0x1.1c649cp-3f, -0x1.e9a934p-2f, -0x1.cddfd8p-5f, 0x1.1fdbf2p-5f,
+    0x1.f60622p-4f, 0x1.030b88p-3f, -0x1.5aae84p-2f, -0x1.5d0f1cp-2f, -0x1.299a12p-2f,
+    0x1.2b14d8p-3f, 0x1.db7f5p-6f, -0x1.200bbp-6f, 0x1.e4cfd6p-4f, -0x1.d06164p-3f, -0x1.12fc7ap-5f,
+    -0x1.6f7bp-2f, 0x1.057efap-3f, -0x1.a4c602p-3f, -0x1.c63532p-3f, 0x1.cb47f6p-2f,
+    -0x1.bc6d7cp-8f, 0x1.9ede38p-3f, -0x1.ba8c68p-4f, 0x1.647f5cp-3f, -0x1.4d73d2p-2f,
+    0x1.691cap-1f, -0x1.01208p+0f, -0x1.c9fae4p-4f, 0x1.4f13acp-4f, 0x1.54538ep-3f, -0x1.3e1e34p-6f,
+    0x1.cda5cp-4f, 0x1.17ec82p-3f, -0x1.164a5ap-4f, -0x1.855676p-3f, 0x1.9cddf6p-6f, -0x1.77fc1p-6f,
+    -0x1.ada3p-3f, -0x1.5247c2p-1f, 0x1.76512ap-2f, 0x1.5fac62p-3f, -0x1.5d7222p-2f, 0x1.2da79p-2f,
+    -0x1.6cec6ap-2f, -0x1.a6cedcp-2f, 0x1.dda608p-6f, -0x1.805522p-2f, 0x1.8a881ap-3f,
+    -0x1.d11192p-1f, 0x1.8da73ap-1f, 0x1.ec23aap-1f, 0x1.bc05ccp-3f, -0x1.f35ad4p-3f,
+    0x1.3d2178p-4f, 0x1.ab22p-3f, -0x1.1f8ee2p-4f, 0x1.019766p-4f, -0x1.e10692p-4f, 0x1.303872p-4f,
+    -0x1.06365ap-4f, -0x1.d5466ep-2f, 0x1.3979d6p-9f, 0x1.45dd9ap-3f, 0x1.198338p-1f,
+    0x1.723306p-2f, -0x1.04c64cp-1f, -0x1.6be83cp-5f, 0x1.ccfd04p-4f, -0x1.1c1aa2p-3f,
+    0x1.92ffap-3f, -0x1.66e9b4p-2f, -0x1.6eeb8ep-3f, -0x1.c4b2eep-1f, 0x1.79ac48p-3f,
+    -0x1.ac9f4ep-3f, 0x1.6aa51ap-1f, -0x1.085a4p-5f, -0x1.e9865p-4f, 0x1.43bc62p-1f,
+    -0x1.66cd64p-3f, 0x1.0e9456p-2f, -0x1.925e84p-2f, -0x1.16154ep-1f, 0x1.de547cp-2f,
+    0x1.30096cp-1f, 0x1.ba22ecp-3f, -0x1.b807d6p-2f, 0x1.22a87ep-3f, -0x1.5f361cp-2f,
+    0x1.691b9ap-1f, -0x1.1dd5bap+0f, -0x1.1aaafp-2f, 0x1.0eef04p-2f, 0x1.8a409cp-1f, 0x1.e80442p-4f,
+    -0x1.945106p-4f, -0x1.a1b84p-5f, -0x1.e98068p-2f, 0x1.5c0102p-9f, 0x1.8d0508p-3f,
+    -0x1.8fd234p-3f, -0x1.80b2d8p-2f, -0x1.0ba3b6p+0f, 0x1.ec06a8p-6f, -0x1.bcf94ap-4f,
+    -0x1.7a25dap-2f, 0x1.457e92p-2f, -0x1.614ce8p-1f, -0x1.5203e6p-3f, 0x1.3447f2p-3f,
+    -0x1.71c90ap-4f, 0x1.232a1ap-2f, 0x1.ec6ae4p-5f, 0x1.f4f31p-2f, 0x1.48eeep-1f, 0x1.93f2c6p-2f,
+    -0x1.dbeef4p-4f, -0x1.676a9ap-1f, -0x1.433b8cp-3f, -0x1.48c5e2p-1f, 0x1.19a27ap-5f,
+    -0x1.17a026p-3f, 0x1.075118p-1f, -0x1.7fc198p-2f, 0x1.930094p-3f, -0x1.a078e4p-2f,
+    0x1.79c2cep-3f, 0x1.37afdp-4f, -0x1.642e64p-1f, -0x1.5dfd3p-4f, -0x1.5ef4d2p-3f, 0x1.af93d4p-3f,
+    0x1.5cf78cp-4f, -0x1.9fedc6p-5f, -0x1.351c54p-3f, 0x1.6576fap-7f, 0x1.45f44cp-1f,
+    0x1.065178p-3f, -0x1.92fcb6p-3f, -0x1.c63f46p-2f, -0x1.b39942p-3f, 0x1.16cacap-3f,
+    -0x1.c97b16p-2f, 0x1.84a294p-1f, 0x1.3569d6p-2f, 0x1.b66ca6p-2f, 0x1.e7cb26p-2f,
+    -0x1.a0e058p-4f, -0x1.012f56p-1f, -0x1.01284p-2f, 0x1.09dfbcp-2f, 0x1.0aed56p-6f,
+    0x1.dbb57ap-2f, -0x1.2506dp+0f, 0x1.e6d39ap-1f, 0x1.cbe244p-3f, 0x1.d74ea4p-4f, -0x1.36bcb4p-2f,
+    -0x1.4585dcp-1f, 0x1.14c19ap-3f, -0x1.4bba92p-5f, 0x1.25ae64p-1f, -0x1.e06472p-4f,
+    0x1.d3918ap-3f, 0x1.0f5a38p-3f, 0x1.d911e8p-2f, 0x1.3683dcp-3f, -0x1.fd0a3ap-2f,
+    -0x1.4e5922p-4f, 0x1.385f2cp+0f, -0x1.9e9ecep-2f, 0x1.18cba8p-1f, 0x1.e90126p-4f,
+    0x1.859f1ap-3f, -0x1.3ebe6ap-3f, 0x1.d1827ep-4f, 0x1.ca7046p-2f, -0x1.a6672cp-2f,
+    -0x1.7c31dp-1f, -0x1.bd6b66p-2f, -0x1.36d2c8p-4f, 0x1.ae72b8p-12f, 0x1.0edd2p-3f,
+    0x1.45d506p-1f, 0x1.968db2p-4f, -0x1.853c9cp-4f, -0x1.7e52fcp-4f, -0x1.6729bcp-3f,
+    -0x1.56b29ep-5f, -0x1.70872p-2f, 0x1.919c68p-1f, 0x1.eff53p-2f, -0x1.914f9cp-2f,
+    -0x1.15837ap-1f, 0x1.8e827p-5f, -0x1.2c8864p-2f, -0x1.3b506ep-2f, 0x1.f814acp-2f,
+    -0x1.88935ep-1f, -0x1.a0f6c8p-4f, -0x1.ac8ca6p-4f, 0x1.9641bap-2f, -0x1.53430ap-4f,
+    0x1.bb3038p-3f, 0x1.5e8726p-5f, -0x1.19a70ap-1f, -0x1.346234p-3f, 0x1.9002d6p-3f,
+    -0x1.2275d4p-2f, -0x1.f10af8p-2f, 0x1.1bab48p-2f, 0x1.92a622p-1f, -0x1.078ebap-3f,
+    0x1.49de3cp-2f, -0x1.aad4fap-3f, 0x1.a3d3acp-5f, -0x1.b170ccp-1f, 0x1.384294p-1f,
+    -0x1.9a5ef2p-3f, -0x1.cdf2b6p-9f, 0x1.caf7e6p-1f, 0x1.91b1a8p-4f, 0x1.11f154p-3f,
+    -0x1.1c68d8p-4f, -0x1.1e795p-1f, -0x1.367826p-8f, -0x1.670c6cp-3f, -0x1.59d0d2p-3f,
+    -0x1.c94f06p-2f, 0x1.69fbcep-8f, -0x1.b13adcp-2f, -0x1.18561cp-3f, 0x1.ba77c6p-4f,
+    0x1.cffdc6p-2f, -0x1.6c3f8ap-2f, 0x1.19029cp-3f, 0x1.28f252p-2f, 0x1.78366cp-2f,
+    -0x1.0f45a6p-3f, 0x1.b20504p-1f, -0x1.be5994p-3f, 0x1.23a5bap-4f, 0x1.ad1352p-3f,
+    -0x1.7d0f9ep-2f, 0x1.f9296ap-6f, -0x1.5b9cdap-2f, 0x1.6df2f2p-5f, 0x1.12c3dp-3f, 0x1.1698e8p-1f,
+    0x1.9ac64p-3f, -0x1.85fdaep-4f, -0x1.278e7p-1f, -0x1.0f7d56p-2f, 0x1.9161c6p-1f,
+    -0x1.b32c84p-3f, -0x1.dc86b6p-3f, 0x1.f38082p-2f, 0x1.47ee02p-1f, -0x1.e61c2ap-7f,
+    0x1.a483eep-5f, 0x1.f95272p-3f, -0x1.74e4b8p-2f, 0x1.56e1e8p-1f, -0x1.36bf9ep-2f,
+    -0x1.54d02ep-3f, -0x1.cf3aaap-7f, -0x1.bc305ap-3f, -0x1.dd52dep-3f, -0x1.64e5e2p-2f,
+    0x1.66be26p-3f, -0x1.3d17fp-4f, -0x1.1d3b18p-1f, 0x1.d4666p-5f, 0x1.a551f6p-2f, -0x1.22dcdep-4f,
+    -0x1.f89adp-4f, 0x1.325916p-4f, -0x1.aa61acp-2f, 0x1.52c6b8p-1f, 0x1.422bd8p-5f, 0x1.0074c8p-1f,
+    0x1.057072p-2f, 0x1.fac88p-4f, 0x1.3f2cdep-2f, -0x1.91d50ep-3f, 0x1.33ff5cp-2f, -0x1.213b1p-3f,
+    0x1.0e0102p-2f, 0x1.2c552cp-3f, -0x1.65eb7cp-3f, -0x1.1ac7d4p-2f, 0x1.ff3a48p-5f, 0x1.bcd44p-2f,
+    -0x1.311338p-2f, 0x1.b58ecp-2f, 0x1.778ac4p-2f, -0x1.76d278p-4f, -0x1.dd3f86p-1f, 0x1.e2cb4p-4f,
+    -0x1.c86c64p-5f, 0x1.cd6296p-3f, -0x1.61decp-2f, 0x1.1b47fcp-1f, -0x1.13220ap-3f,
+    0x1.d1fea4p-5f, 0x1.ffc3b2p-4f, -0x1.79e0a4p-6f, -0x1.38ea22p-2f, -0x1.612d1ap-6f,
+    0x1.3476eep-4f, -0x1.20bd8ap-3f, -0x1.29242ap-1f, -0x1.1bdcep+0f, -0x1.610fe8p-4f,
+    -0x1.3e6458p-3f, 0x1.8ce0bcp-1f, 0x1.5a456cp-5f, -0x1.fed184p-3f, 0x1.02fabep-2f, 0x1.2b27cp-2f,
+    -0x1.2eb242p-5f, -0x1.44db9cp-1f, -0x1.784c8ap-2f, 0x1.92276p-6f, -0x1.6db5dap-2f,
+    -0x1.2b8fcp-3f, -0x1.078a78p-1f, 0x1.4f94bp-6f, -0x1.c06d5p-2f, 0x1.981fbp-2f, 0x1.1be14cp-2f,
+    -0x1.255d5cp-2f, 0x1.830686p-2f, -0x1.32d476p-3f, 0x1.767d02p-2f, -0x1.338594p-3f,
+    0x1.6b1964p-2f, -0x1.0725ccp-5f, -0x1.c9ba7p-3f, 0x1.09376ep-2f, 0x1.596bbep-2f, 0x1.770f64p-2f,
+    -0x1.3ccc24p-2f, -0x1.9cff56p-4f, 0x1.f1773p-4f, 0x1.3154bep-1f, -0x1.a8b5dep-1f,
+    0x1.3907aep-5f, 0x1.7c0658p-2f, 0x1.b78f34p-4f, 0x1.4be6aap-2f, -0x1.07efc6p-3f, 0x1.7d4548p-3f,
+    -0x1.42e16cp-2f, 0x1.23176ap-5f, -0x1.8e1864p-6f, -0x1.853fc2p-2f, -0x1.ca3ecap-3f,
+    -0x1.7202ep-1f, 0x1.41c408p-3f, 0x1.0ebf4ep-3f, -0x1.4dd1c8p-2f, 0x1.6be09cp-3f,
+    -0x1.012d7cp-7f, -0x1.9ea6aap-4f, 0x1.ae7fe6p-5f, -0x1.2e59p-4f, 0x1.a763acp-7f,
+    -0x1.806c06p-2f, 0x1.61491ap-3f, 0x1.14c9dep+0f, 0x1.6d81a4p-2f, 0x1.d0e2c6p-5f,
+    -0x1.7f66b6p-1f, -0x1.42abe4p-4f, -0x1.95b88ap-3f, 0x1.a442b4p-2f, -0x1.3636e4p-3f,
+    -0x1.a57628p-4f, -0x1.efeb7ep-3f, -0x1.4a0c46p-2f, -0x1.70b4e8p-2f, 0x1.579014p-2f,
+    0x1.5faedcp-1f, 0x1.2a00dap-2f, -0x1.83c91ap-2f, -0x1.bc5bp-2f, 0x1.7c44e8p-4f, 0x1.ca51bp-4f,
+    0x1.db0f38p-4f, -0x1.d3ca5cp-2f, 0x1.754152p-6f, -0x1.4657dp-1f, 0x1.73ab6p-3f, 0x1.88d99ap-7f,
+    0x1.bc84e2p-2f, -0x1.6b5314p-5f, -0x1.ea2ce6p-3f, -0x1.f40c14p-7f, 0x1.759fap-10f,
+    -0x1.500a3ep-3f, -0x1.1c8c3ep-3f, -0x1.97d676p-3f, 0x1.f8fcc4p-2f, -0x1.7ffb5ap-3f,
+    0x1.d97c0ap-3f, -0x1.7d1a8cp-6f, -0x1.41245ap-4f, -0x1.1754ecp-1f, 0x1.ce6b8cp-5f,
+    -0x1.27136cp-1f, -0x1.aecda6p-3f, -0x1.0a5af8p-5f, 0x1.4ae4ecp-2f, 0x1.85fc9ap-3f,
+    0x1.aa5f9cp-1f, -0x1.1a43dep-2f, -0x1.291b34p-3f, 0x1.ac3dc4p-6f, 0x1.64fee2p-3f,
+    -0x1.00808ap-2f, -0x1.28a2dp-6f, -0x1.bedc7p-7f, 0x1.c03b98p-2f, 0x1.070e4ep-3f,
+    -0x1.4cc996p-3f, -0x1.27a7fcp-5f, 0x1.a5f876p-3f, -0x1.76f3d4p-3f, 0x1.cc3e44p-2f,
+    0x1.bf6b1p-4f, 0x1.150f38p-1f, -0x1.2bd98cp-2f, 0x1.90fa5ep-3f, 0x1.104442p-2f, -0x1.8fc8f8p-4f,
+    0x1.63b26ap-4f, 0x1.5f82b6p-5f, -0x1.f9c95cp-5f, -0x1.826f6cp-7f, 0x1.811a8ap-2f,
+    -0x1.693258p-3f, -0x1.492848p-5f, -0x1.8ae438p-2f, 0x1.331cb8p-2f, 0x1.1754aep+0f,
+    -0x1.7fde6cp-1f, -0x1.0f560ep-3f, 0x1.922a26p-3f, 0x1.b8784ap-1f, 0x1.e9c998p-5f,
+    -0x1.2a9a5ap-5f, 0x1.0b0ebep-4f, -0x1.1c1a5p-1f, 0x1.ec9e92p-1f, -0x1.18da08p-5f,
+    0x1.e39d5ap-3f, -0x1.314f32p-2f, -0x1.0189ep-2f, 0x1.1cbe98p-3f, -0x1.af1846p-4f,
+    0x1.5b8904p-1f, -0x1.b13834p-5f, -0x1.3be39ap-1f, 0x1.8f85f2p-2f, 0x1.13035ep-3f,
+    0x1.0ccddap-3f, -0x1.c3f78ap-2f, -0x1.426ad8p-3f, -0x1.158f22p-1f, 0x1.73601ep-3f,
+    -0x1.a1cf58p-4f, 0x1.24b73cp+0f, -0x1.e25f4ap-3f, 0x1.f82a6ep-6f, 0x1.294bb6p-4f,
+    -0x1.4c927cp+0f, 0x1.69e24p-4f, 0x1.29510ap-2f, -0x1.e744a6p-2f, 0x1.b08c12p-2f, 0x1.24462ap-4f,
+    0x1.1f315cp-3f, 0x1.1f21bcp-3f, 0x1.2b16a4p-1f, -0x1.e1922cp-4f, 0x1.4848b2p-1f, 0x1.f53502p-3f,
+    -0x1.bfd3e4p-4f, -0x1.f6ff5cp-3f, 0x1.a5680ep-5f, 0x1.0a2f5ap-2f, 0x1.32c5b8p-2f,
+    -0x1.5e19e6p-2f, 0x1.41fd8cp-4f, -0x1.01ef6cp-1f, 0x1.b49c62p-3f, 0x1.ea415cp-6f,
+    -0x1.6463f6p-3f, 0x1.99b69cp-5f, 0x1.353ecep-6f, 0x1.9cbb48p-2f, 0x1.06dc9ep-2f,
+    -0x1.3cb90ap-4f, -0x1.ee4d6cp-1f, -0x1.72ca4ap-3f, 0x1.00d0f6p-2f, 0x1.42538ap-2f,
+    0x1.91d6bap-3f, 0x1.275648p-5f, -0x1.7da46p-4f, -0x1.ad20f4p-2f, 0x1.0fa18p-6f, -0x1.44fb88p-3f,
+    0x1.f57eccp-2f, 0x1.08c568p-2f, -0x1.c1411ep-4f, 0x1.5fe712p-3f, 0x1.74f2c4p-4f,
+    -0x1.1ae4a2p-3f, 0x1.595836p-4f, -0x1.117df6p-1f, 0x1.b4928p-3f, 0x1.4a59a2p-5f,
+    -0x1.64f64ap-3f, -0x1.66aedp-7f, 0x1.1f31a8p-2f, 0x1.9e0b92p-3f, -0x1.70e434p-4f,
+    -0x1.97017p-4f, 0x1.596b58p-3f, -0x1.fbd224p-6f, -0x1.092324p-4f, 0x1.6fca8ap-3f,
+    -0x1.2f27bap-5f, 0x1.686318p-3f, 0x1.969f7cp-4f, -0x1.b10a88p-3f, 0x1.ffeaeap-6f,
+    0x1.d9365ap-4f, 0x1.36289ep-4f, 0x1.57b82ap-4f, -0x1.0ff9dep-2f, -0x1.22d03cp-6f, 0x1.75b8bp-5f,
+    0x1.946672p-4f, 0x1.7acd2p-4f, 0x1.7041f6p-2f, -0x1.1f7274p-3f, -0x1.acc582p-3f, 0x1.5a20eep-4f,
+    0x1.0b826p-5f, -0x1.0db9dep-7f, 0x1.eee1d2p-5f, -0x1.2bd16p-2f, -0x1.8576c6p-6f, 0x1.e04958p-3f,
+    -0x1.75d434p-1f, -0x1.4fcd18p-3f, -0x1.95b73cp-4f, 0x1.1aa956p-2f, -0x1.58f9a8p-3f,
+    -0x1.2226d4p-3f, -0x1.9d8802p-5f, -0x1.343924p-4f, 0x1.83281ap-3f, 0x1.892108p-4f,
+    -0x1.07db4p-1f, 0x1.c557fap-2f, 0x1.2bc338p-7f, -0x1.9ca118p-3f, -0x1.75428cp-3f, 0x1.87496p-2f,
+    -0x1.091ecap-2f, -0x1.8df866p-3f, 0x1.c7fd28p-3f, -0x1.30f89p-1f, -0x1.e0b364p-4f,
+    -0x1.2c0b02p-3f, 0x1.65b84ep-2f, -0x1.af4748p-3f, -0x1.06e5dep-4f, -0x1.825e4cp-2f,
+    0x1.19a2bap-2f, 0x1.6539e8p-1f, -0x1.295aa6p-2f, -0x1.6fa7d8p-3f, -0x1.73299ep-2f,
+    -0x1.1e09b8p-16f, 0x1.1df3eep-1f, -0x1.546138p-1f, 0x1.cc0be8p-3f, 0x1.8950c8p-3f,
+    -0x1.49ced2p-3f, 0x1.eea31ep-2f, 0x1.1d247cp-8f, -0x1.f6c326p-2f, -0x1.72345p-3f,
+    -0x1.8e578ap-4f, -0x1.c16552p-2f, -0x1.09704ep-4f, -0x1.4ac042p-2f, 0x1.3eaf36p-1f,
+    0x1.b04e5cp-4f, 0x1.c64c04p-2f, -0x1.858528p-2f, -0x1.f857dap-2f, 0x1.23226ep-1f,
+    -0x1.17242p-5f, 0x1.a1e48p-3f, 0x1.93b42p-2f, 0x1.f1bb5ap-5f, -0x1.d6c1e6p-3f, 0x1.09388ep-4f,
+    -0x1.165596p-6f, -0x1.42fe84p-1f, -0x1.579274p-3f, 0x1.3d2378p-1f, -0x1.0138d2p-3f,
+    0x1.12df48p-3f, -0x1.02ffbap-2f, 0x1.414d28p-1f, 0x1.201dbp-3f, -0x1.5e9072p-9f, 0x1.032e34p-7f,
+    -0x1.ebf3p-2f, -0x1.fcfdccp-2f, -0x1.ab353ep-2f, -0x1.d5f562p-5f, 0x1.f0c3bcp-4f,
+    0x1.99ba48p-3f, 0x1.d2813p-2f, -0x1.1f68p-4f, -0x1.5f7d72p-7f, 0x1.568fap-4f, -0x1.e7c246p-4f,
+    0x1.ca3fccp-3f, 0x1.a9a122p-1f, -0x1.203b4ap-8f, 0x1.b75cdp-4f, 0x1.ca66f2p-2f, 0x1.654f4ap-3f,
+    -0x1.f566f2p-3f, 0x1.0691cp-2f, 0x1.381626p-2f, -0x1.1c937ap-4f, 0x1.26a0fep+0f, 0x1.b1288ep-5f,
+    0x1.14b97ap-5f, 0x1.15e0d2p-1f, -0x1.4d73d6p-4f, 0x1.59e4eap-4f, -0x1.250bc4p-3f,
+    0x1.27cb36p-4f, 0x1.c5a096p-2f, -0x1.292c56p+0f, 0x1.0783acp-5f, -0x1.afdaa4p-3f, 0x1.7964fp-3f,
+    0x1.72cf54p-6f, -0x1.45926p-2f, 0x1.18a1fap-3f, 0x1.929ffap-2f, 0x1.5a5182p-4f, 0x1.fc6faap-5f,
+    0x1.53c65cp-4f, -0x1.906662p-3f, 0x1.0c012p-2f, -0x1.395734p-3f, -0x1.f9923cp-7f, 0x1.ce5f3p-4f,
+    -0x1.cf81eap-3f, -0x1.7b1dd4p-3f, -0x1.df1138p-5f, 0x1.edb56p-6f, 0x1.864d8ep-5f,
+    0x1.30d834p-1f, -0x1.f06a74p-7f, 0x1.49cf76p-4f, 0x1.1aa1a6p-3f, -0x1.3b05eap-3f,
+    -0x1.87cc24p-1f, -0x1.1197f4p-2f, 0x1.1210bcp-4f, 0x1.4fbe08p-9f, -0x1.de0b9p-2f,
+    0x1.43e9fep-2f, -0x1.43ce1ep-3f, 0x1.85ea1cp-4f, -0x1.331b1p-3f, -0x1.e89bb8p-4f,
+    0x1.4807e8p-2f, -0x1.793114p-3f, 0x1.0ae386p-2f, 0x1.07e4b2p-2f, -0x1.e233dep-4f,
+    -0x1.3c5b86p+0f, 0x1.536b4cp-3f, -0x1.0c7ec2p-7f, 0x1.3d293ep+0f, -0x1.d22d56p-2f,
+    -0x1.ab85d4p-5f, 0x1.15bb6ap-4f, -0x1.9e2c76p-3f, 0x1.29b0eep-1f, -0x1.b3817ap-3f,
+    -0x1.9f829ap-3f, -0x1.0721d6p-2f, 0x1.1cd228p-3f, -0x1.5cd1ccp-5f, -0x1.44ecc2p-3f,
+    0x1.04889ep-3f, -0x1.88ffdp-1f, -0x1.28e0fcp-2f, 0x1.cedf8cp-4f, 0x1.00a0b2p-2f, 0x1.c12824p-4f,
+    -0x1.da2dcep-3f, 0x1.3203d4p-1f, -0x1.bccb14p-3f, 0x1.fbcda2p-3f, -0x1.d01ap-2f,
+    -0x1.e26e8ap-5f, 0x1.c892f6p-3f, 0x1.ef3028p-2f, 0x1.b24358p-2f, 0x1.21eb06p-3f, 0x1.f32474p-5f,
+    -0x1.8d878cp-3f, 0x1.9b95fep-1f, -0x1.4bbcbcp+0f, -0x1.ae6ceep-1f, -0x1.8bb552p-3f,
+    0x1.778f18p-1f, 0x1.a69c92p-2f, -0x1.09cf36p-2f, -0x1.8c9bap-3f, -0x1.ecf2cp-3f, 0x1.15660ep-4f,
+    -0x1.08913ep-7f, 0x1.3608e4p-3f, -0x1.02d316p-1f, -0x1.0fc76p-1f, 0x1.4c467cp-1f,
+    -0x1.38b01cp-3f, -0x1.83829cp-1f, 0x1.43961ep-4f, -0x1.8fe974p-2f, 0x1.2e6314p-3f,
+    -0x1.941fb6p-1f, 0x1.b91ccap-4f, 0x1.a1a84p-6f, -0x1.5ccdcep-2f, 0x1.34c1dp-1f, 0x1.d648cp-1f,
+    0x1.ad6958p-3f, -0x1.0982bep-7f, -0x1.057f78p-1f, 0x1.cbee94p-5f, -0x1.ce542p-1f,
+    -0x1.e90384p-4f, 0x1.1b5d6ap-2f, 0x1.e948dcp-3f, 0x1.1e562ep-2f, 0x1.4e5886p-4f,
+    -0x1.bbaaf6p-2f, -0x1.0f5c48p-3f, -0x1.60e088p-2f, -0x1.5c04b6p-2f, -0x1.b4f15p-2f,
+    0x1.52c0b8p-4f, 0x1.ac346p-4f, -0x1.fdce98p-2f, -0x1.c5f02p-4f, -0x1.8f7cd2p-2f, 0x1.591efp-2f,
+    0x1.a3a67p-3f, -0x1.e686f8p-3f, 0x1.97cebcp-3f, 0x1.b66536p-6f, -0x1.c76c44p-5f,
+    -0x1.4931e2p-2f, 0x1.a640fap-3f, 0x1.a4e308p-1f, 0x1.64aab2p-6f, -0x1.7523d2p-3f,
+    -0x1.f52c5p-3f, -0x1.09edbap-9f, 0x1.00847cp-3f, 0x1.209162p-2f, -0x1.2230dap-1f,
+    -0x1.b45c5cp-5f, -0x1.764872p-3f, 0x1.055de4p-3f, 0x1.5d526p-3f, -0x1.991b78p-3f,
+    0x1.724cb4p-1f, -0x1.48e64ap-2f, -0x1.851792p-4f, -0x1.83ec74p-2f, -0x1.008714p-1f,
+    -0x1.249e4ap-3f, -0x1.b22d58p-7f, -0x1.10d4cep-2f, -0x1.fd1bcap-2f, 0x1.3910b2p-3f,
+    0x1.dd439ap-5f, 0x1.0db8aep-5f, 0x1.64b194p-2f, 0x1.6b5644p-1f, 0x1.b4304ep-11f, 0x1.be830cp-3f,
+    0x1.f01a86p-4f, -0x1.1e8c06p-2f, -0x1.b65fcap-2f, -0x1.491606p-5f, 0x1.d9b77ep-4f,
+    -0x1.c2bfcap-5f, -0x1.d9ff4ep-3f, 0x1.028e3cp-2f, -0x1.4e58ap-2f, 0x1.7db8p-3f, 0x1.8320bcp-4f,
+    0x1.3f81bap-5f, 0x1.4cc824p-3f, -0x1.faf686p-4f, -0x1.07661cp-3f, -0x1.6efaaep-2f,
+    0x1.6a1e42p-4f, -0x1.e231b6p-3f, 0x1.74f0d8p-3f, 0x1.331cbap-1f, 0x1.8b09dp-7f, -0x1.0e7312p-1f,
+    -0x1.54f26p-4f, -0x1.c7411p-3f, -0x1.193a2p-2f, 0x1.d76ccap-2f, -0x1.4163a6p-1f, 0x1.1cf3bcp-4f,
+    -0x1.52b5bep-2f, -0x1.186cf2p-5f, 0x1.6d28dcp-7f, 0x1.2a6894p-4f, 0x1.9cb7bp-2f,
+    -0x1.4d49d4p-1f, 0x1.adebdep-3f, 0x1.4245aap-2f, -0x1.1d3cf8p-2f, -0x1.d6bb5p-5f,
+    -0x1.13f908p-3f, 0x1.12539ap-1f, -0x1.6b2686p-4f, 0x1.8025a6p-2f, -0x1.35019ap-4f,
+    0x1.cea33ep-4f, -0x1.191e7p-3f, 0x1.e4d9c4p-2f, -0x1.adb096p-2f, -0x1.34919ap-5f,
+    0x1.8e6bfep-4f, 0x1.749d62p-2f, -0x1.24c748p-3f, 0x1.ef1218p-2f, -0x1.4d7574p-3f,
+    -0x1.0fcd26p-2f, -0x1.41c82ep-9f, 0x1.39907ep-2f, -0x1.e6d196p-2f, 0x1.7a3accp-7f,
+    -0x1.ec0f78p-1f, 0x1.16cca2p-2f, -0x1.3915cep-6f, -0x1.745b06p-2f, 0x1.9209b8p-6f,
+    0x1.ab9e02p-4f, -0x1.042db8p-5f, 0x1.3c54ecp-1f, -0x1.70a6ecp-4f, 0x1.17ebd6p-1f,
+    -0x1.0e14a6p-2f, 0x1.7d838ap-2f, 0x1.d4d6fcp-5f, -0x1.3468cap-4f, 0x1.a9404ep-5f,
+    -0x1.b5e9f8p-2f, 0x1.3bfc4cp-3f, 0x1.8ac4fep-2f, 0x1.2af8d8p-3f, 0x1.e181fap-3f, 0x1.04df16p-4f,
+    -0x1.c9623cp-3f, -0x1.b2c4e2p-3f, 0x1.5f9942p-1f, -0x1.03ad8p-2f, -0x1.3b4b0ap-3f,
+    0x1.8f940cp-3f, 0x1.1c7e4ep+0f, 0x1.820f52p-3f, 0x1.d4fb9ap-4f, -0x1.eb1bfap-6f,
+    -0x1.d65ce8p-4f, 0x1.1ab39cp+0f, -0x1.296b88p-3f, -0x1.4e381cp-3f, 0x1.f69338p-3f,
+    -0x1.f82b92p-3f, -0x1.271eep-2f, -0x1.cc9c5cp-4f, 0x1.3ea888p-1f, -0x1.8cd474p-4f,
+    -0x1.94e9ecp-2f, -0x1.72a036p-5f, 0x1.9bb5e6p-13f, 0x1.37a87ep-9f, -0x1.0390e8p-1f,
+    -0x1.7959dap-3f, -0x1.71033p-5f, 0x1.5cdd16p-2f, 0x1.6c6e5ap-4f, 0x1.2c6f36p-1f,
+    -0x1.63b7b4p-3f, 0x1.5badd4p-5f, -0x1.9e3b9p-2f, -0x1.afbd34p-1f, 0x1.e31d5ep-7f,
+    -0x1.4f2e98p-3f, -0x1.040198p-2f, 0x1.3b09c2p-1f, 0x1.941e8cp-4f, -0x1.bf51dap-4f,
+    -0x1.12ef38p-5f, 0x1.02145ep-1f, 0x1.84a1b8p-3f, 0x1.d80bb4p-2f, 0x1.e65edap-6f,
+    -0x1.0211a2p-6f, -0x1.5c60a2p-2f, 0x1.634878p-4f, 0x1.68ca42p-2f, -0x1.a9c1bap-4f,
+    0x1.1a465ap-6f, 0x1.227726p-1f, -0x1.272142p-1f, 0x1.05ad2cp-3f, 0x1.1aa836p-2f,
+    -0x1.1d6dd8p-6f, 0x1.722788p-2f, -0x1.4c919ap-5f, 0x1.0e79f2p-1f, 0x1.4a33aap-9f,
+    -0x1.5a04aep-1f, -0x1.145e5cp+0f, 0x1.3a926ap-2f, -0x1.5599fep-3f, 0x1.34ee28p-1f,
+    0x1.799cc2p-3f, -0x1.a6b256p-2f, 0x1.736ffp-1f, 0x1.67b026p-2f, -0x1.b3ac92p-4f,
+    -0x1.2a8492p-1f, 0x1.4d31ap-4f, 0x1.59f0bp-3f, 0x1.1526f4p-5f, 0x1.b095bcp-1f, -0x1.05dbd8p-1f,
+    0x1.72ab2p-6f, -0x1.2be26ep-4f, -0x1.3f6ecep-3f, 0x1.f268bp-4f, 0x1.09fb16p-2f, 0x1.d3a704p-3f,
+    -0x1.778824p-4f, -0x1.131d9ap-2f, 0x1.c812dcp-2f, 0x1.44db26p-2f, -0x1.eb3af6p-3f,
+    0x1.8e273ep-4f, 0x1.2563a6p-2f, -0x1.ca1f0cp-4f, 0x1.f302b8p-5f, -0x1.10716p-2f, 0x1.72643ap-2f,
+    -0x1.e4e7cep-2f, 0x1.1a70d2p-2f, 0x1.de2648p-3f, -0x1.14ff12p-5f, 0x1.6b6688p-2f,
+    0x1.4c7068p-2f, 0x1.1385ecp-2f, 0x1.951a18p-1f, -0x1.7ca5aap-1f, 0x1.bf79d2p-3f,
+    -0x1.1071eep-1f, -0x1.1a6ae8p-6f, -0x1.2cb8f8p-1f, -0x1.e9901ap-4f, -0x1.556014p-3f,
+    -0x1.578a5p-4f, 0x1.e4047cp-4f, 0x1.b3e41ep-3f, 0x1.b2108cp-5f, -0x1.8dc6e2p-3f, 0x1.970128p-6f,
+    0x1.9ca628p-2f, 0x1.d2acf2p-4f, 0x1.8af6a6p-2f, -0x1.8ee7dcp-2f, -0x1.12aa9ep-4f,
+    -0x1.1e7742p-2f, -0x1.e7c6cp-3f, 0x1.472d9ep-4f, -0x1.dde37p-3f, 0x1.46d26ap-3f, 0x1.69fc96p-1f,
+    0x1.c60d32p-2f, 0x1.bee07ap-4f, -0x1.196b52p-2f, -0x1.d7668cp-2f, 0x1.97de5ep-4f,
+    -0x1.d7e7bp-3f, -0x1.5b723cp-4f, -0x1.e34eep-4f, 0x1.1fb272p-4f, 0x1.8a1d54p-2f, 0x1.0836fap-4f,
+    -0x1.522e76p-2f, -0x1.7b4a66p-7f, 0x1.8209dp-3f, 0x1.5fe704p-2f, -0x1.db0e0ep-5f, 0x1.0c894p-4f,
+    0x1.67db7ep-3f, 0x1.7946a6p-4f, -0x1.2e40e2p-2f, 0x1.adb78p-3f, 0x1.b09352p-6f, -0x1.4fcba8p-1f,
+    -0x1.95cacap-2f, 0x1.d2a0b2p-3f, -0x1.911852p-4f, 0x1.81bf3cp-2f, -0x1.ff7c3p-3f,
+    -0x1.04e49ep-5f, -0x1.6c731ep-1f, 0x1.477f88p-2f, -0x1.9dea96p-3f, 0x1.617216p-3f,
+    -0x1.2a1398p-6f, 0x1.a0d5f4p-3f, 0x1.fe0af8p-3f, -0x1.8dd852p-3f, -0x1.17ce2ap-4f,
+    -0x1.28426ap-2f, 0x1.01ecf2p-2f, -0x1.4656ecp-6f, 0x1.38072ep-3f, 0x1.bdee8cp-6f, 0x1.679c6p-4f,
+    0x1.057c06p-2f, 0x1.47ac1ep-3f, 0x1.b658fp-2f, -0x1.e7e96cp-3f, -0x1.36841p-2f, 0x1.591892p-4f,
+    -0x1.8a4394p-5f, 0x1.ccafc6p-2f, -0x1.83d504p-3f, 0x1.44ef94p-1f, 0x1.f0a49cp-5f,
+    -0x1.a071d2p-4f, 0x1.0d1852p-3f, -0x1.e1c356p-6f, -0x1.6e95dap-2f, -0x1.9021eap-2f,
+    0x1.1bc41ep-4f, 0x1.207ea4p-1f, -0x1.e16e1cp-3f, 0x1.dc33a4p-2f, -0x1.2a4d4ep-2f,
+    -0x1.0f088cp-7f, -0x1.34cc62p-3f, -0x1.77cdfep-3f, 0x1.1defa4p-2f, -0x1.5dc712p-5f,
+    0x1.3a55bep-6f, 0x1.a8cebep-4f, -0x1.2f01e4p-1f, -0x1.54e2a6p-3f, -0x1.2aa05ep-10f,
+    0x1.d51076p-3f, -0x1.b255a4p-4f, -0x1.903582p-7f, -0x1.2f907ap-2f, -0x1.19d5d6p-2f,
+    0x1.154044p+0f, -0x1.7a7598p-2f, -0x1.7ab71p-4f, -0x1.5de6f4p-2f, 0x1.ce01dep-7f,
+    -0x1.0cc04ap-3f, -0x1.fdab5ep-1f, 0x1.de1aacp-3f, -0x1.0e3538p-3f, 0x1.aa9d6ap-4f,
+    0x1.2887aep-1f, -0x1.52424cp-8f, -0x1.368ef4p-5f, -0x1.898aaap-3f, 0x1.8955bep-4f,
+    -0x1.ce4a8ep-4f, -0x1.349572p-3f, -0x1.dde642p-1f, 0x1.0adfeep+0f, 0x1.35e712p-2f,
+    0x1.3fc99ep-2f, -0x1.19f76p-1f, -0x1.6b12b8p-2f, 0x1.acbfbp-2f, -0x1.499d14p-2f, 0x1.5e1098p-2f,
+    -0x1.560284p-4f, -0x1.c0e38ap-5f, -0x1.8b0a68p-3f, 0x1.95af3p-1f, 0x1.1cfbc4p-2f,
+    -0x1.0c738p+0f, -0x1.20781ep-3f, 0x1.a2748ep-1f, -0x1.945268p-2f, 0x1.c40efcp-5f,
+    0x1.2dee7cp-1f, 0x1.31ef1p-1f, 0x1.dcbed6p-4f, 0x1.c0a178p-3f, 0x1.a0e476p-3f, -0x1.2c25c6p-1f,
+    -0x1.e77954p-2f, 0x1.61cebep-10f, -0x1.602e22p-2f, 0x1.ffd9cp-3f, -0x1.4f22dap-7f,
+    0x1.516262p-1f, 0x1.509a4cp-7f, 0x1.01bb1cp-3f, -0x1.0c46f8p-1f, -0x1.03ea36p-1f,
+    0x1.08f968p-1f, 0x1.0ed30cp-3f, 0x1.3b84bap-5f, -0x1.3091f6p-2f, -0x1.f888c2p-4f,
+    0x1.1d7b52p-2f, -0x1.5d4b8ap-4f, 0x1.7d9d74p-4f, 0x1.88d8e8p-2f, -0x1.76f35cp-4f,
+    -0x1.415ac4p-2f, -0x1.36d422p-3f, 0x1.43587p-2f, 0x1.e3580ap-3f, -0x1.4fb494p-2f,
+    -0x1.d0c8aap-5f, 0x1.30e74ap-3f, 0x1.813dbep-3f, -0x1.fdfe46p-5f, 0x1.31485ep-3f,
+    0x1.0fc596p-4f, 0x1.334d52p-2f, 0x1.342884p-2f, -0x1.716292p-2f, -0x1.827bf6p-4f,
+    -0x1.712a88p-1f, 0x1.4f6c24p-2f, 0x1.f10a4p-3f, 0x1.074c7p-3f, -0x1.462aacp-2f, 0x1.5da9bep-1f,
+    0x1.8c193cp-3f, -0x1.98ec02p-2f, -0x1.18e43cp-2f, -0x1.f42e6ap-2f, 0x1.9dc66ap-3f,
+    0x1.c7020cp-4f, 0x1.523b22p-4f, 0x1.c0d606p-4f, 0x1.7f55fcp-10f, 0x1.04bd2cp-1f, 0x1.d454bcp-2f,
+    0x1.20aep+0f, 0x1.0812e2p-6f, -0x1.cbc0f6p-4f, 0x1.38bebap-3f, -0x1.83b974p-3f, 0x1.3f6432p-1f,
+    0x1.2bfaf8p-3f, -0x1.0a1842p-5f, -0x1.252d0cp-3f, -0x1.54186ep-3f, 0x1.ba97d6p-5f,
+    -0x1.4130b8p-2f, -0x1.20a6cap-1f, -0x1.848a76p-2f, -0x1.596402p-4f, 0x1.a6156ap-1f,
+    -0x1.8331ecp-3f, -0x1.505f1cp-5f, -0x1.e61a22p-2f, 0x1.c9322p-3f, -0x1.607d7ep-3f,
+    0x1.1c4a4p-2f, 0x1.6b6158p-3f, 0x1.155c9ap-3f, -0x1.55d894p-6f, -0x1.efd9bep-2f,
+    -0x1.1aa78ep-2f, 0x1.48b5dap-1f, -0x1.951becp-3f, -0x1.fe877ep-5f, 0x1.be12c6p-4f,
+    -0x1.000dcp-4f, 0x1.83628p-3f, -0x1.175f5cp-3f, 0x1.0eb514p-1f, -0x1.86020ep-9f,
+    -0x1.36d846p-3f, -0x1.aa6588p-4f, 0x1.0c7b04p-5f, 0x1.49dd54p-2f, -0x1.41769ap-2f,
+    0x1.2017cep-3f, -0x1.8e93a6p-3f, 0x1.80338p-3f, 0x1.8b2e6cp-3f, -0x1.6d92a6p-5f,
+    -0x1.57e7ccp-3f, -0x1.b36bcp-1f, -0x1.b298d8p-6f, -0x1.d0613p-3f, 0x1.4d7a68p-1f,
+    -0x1.2b6366p-1f, 0x1.503068p-2f, 0x1.a2481ep-3f, -0x1.8c1176p-2f, -0x1.85f5bap-3f,
+    -0x1.eeebb6p-2f, 0x1.caf6a2p-6f, -0x1.05e5d8p-4f, 0x1.984bbcp-2f, -0x1.941212p-4f,
+    -0x1.568b92p-9f, 0x1.606924p-4f, 0x1.db64a8p-3f, 0x1.04881ep+0f, 0x1.fc368p-5f, -0x1.609a78p-5f,
+    0x1.b2f292p-4f, -0x1.593ea6p-2f, 0x1.c7839cp-4f, -0x1.1bf5aap-4f, 0x1.fd2628p-2f,
+    0x1.ac638ep-3f, 0x1.885452p-7f, 0x1.1667b8p-4f, -0x1.33ffb6p-1f, -0x1.80e056p-2f,
+    -0x1.95b486p-2f, -0x1.b4869ap-3f, 0x1.6b709p-1f, 0x1.a8dfa4p-3f, 0x1.abd93p-3f, -0x1.f26bb2p-6f,
+    0x1.b34eb6p-2f, -0x1.7ef8dep-2f, 0x1.1f34bep-2f, 0x1.fef532p-8f, -0x1.2aa45p-1f, 0x1.9715e2p-5f,
+    0x1.763e78p-3f, -0x1.96c8cep-2f, -0x1.985d5cp-1f, -0x1.ef98bp-3f, -0x1.737b24p-3f,
+    -0x1.1f8b6cp-1f, 0x1.85e52ap-2f, -0x1.b2ec68p-2f, 0x1.936d38p-6f, 0x1.2dc4d8p-2f,
+    -0x1.85c13p-4f, -0x1.cece84p-5f, 0x1.48364cp-4f, -0x1.0f49acp-13f, -0x1.bb2dfcp-4f,
+    -0x1.f8621cp-3f, 0x1.184268p-1f, 0x1.70fe2ep-5f, -0x1.6e32fp-2f, 0x1.104ff6p-4f,
+    -0x1.aa5c0ap-6f, 0x1.408dc8p-2f, 0x1.b5635ep-2f, -0x1.1e00d6p-3f, 0x1.f1ec56p-3f, 0x1.c0b34p-8f,
+    -0x1.bb6928p-4f, -0x1.06da3cp-6f, 0x1.6d25f4p-5f, 0x1.33f54cp-2f, -0x1.1bed18p-1f,
+    0x1.be7f72p-5f, 0x1.e813d4p-6f, -0x1.dc8d6cp-3f, 0x1.1c1c5ap-5f, -0x1.b0a6d2p-7f,
+    -0x1.214f46p-4f, -0x1.3a3ce4p-1f, 0x1.33a2dcp-5f, -0x1.cc0128p-4f, -0x1.667e94p-3f,
+    0x1.5004ep-1f, 0x1.045278p-1f, 0x1.963598p-3f, -0x1.66085ep-3f, -0x1.f392dap-4f, 0x1.6186dp-3f,
+    -0x1.08fc06p-1f, 0x1.0e4f2cp-2f, 0x1.fab8ep-4f, -0x1.21717p-2f, -0x1.d34c8ep-2f,
+    -0x1.68bee4p-6f, 0x1.473a74p-3f, -0x1.43244cp-3f, 0x1.ad7998p-10f, 0x1.8492dap-4f,
+    0x1.35c1f8p-1f, -0x1.143e72p-4f, -0x1.0b5614p-5f, -0x1.1ec2d2p-1f, 0x1.9753fap-1f,
+    -0x1.69a634p-3f, -0x1.cdccbp-4f, -0x1.61957ap-2f, -0x1.677404p-1f, 0x1.1557e6p-6f,
+    -0x1.864e02p-4f, -0x1.7a93f8p-4f, -0x1.ead402p-7f, -0x1.fd8e46p-4f, 0x1.790a34p-3f,
+    -0x1.28f796p-2f, 0x1.add69ap-1f, -0x1.67f5ap-3f, -0x1.f0fabap-2f, -0x1.05d17ap-2f,
+    -0x1.45b768p-5f, 0x1.03082cp-2f, -0x1.5b0aacp-2f, 0x1.d9d41ap-1f, -0x1.f6a96ep-4f,
+    0x1.c0be4ep-3f, 0x1.8b202cp-2f, -0x1.c2bba8p-3f, -0x1.fc632ap-3f, 0x1.7e2756p-5f,
+    -0x1.1867ep-2f, -0x1.cb4c7cp-3f, 0x1.a314dp-3f, -0x1.dc487ep-1f, 0x1.19c1d6p+0f, 0x1.6ed886p-2f,
+    0x1.426a4cp-2f, -0x1.1716d8p-1f, -0x1.b9aa9ep-2f, -0x1.b5eadp-3f, -0x1.22388ap-3f,
+    0x1.e7166cp-2f, -0x1.d28dfcp-5f, 0x1.653d22p-4f, 0x1.5a9fa2p-2f, 0x1.0385c4p-1f, 0x1.7c55b6p-3f,
+    -0x1.b3e1acp-2f, 0x1.c274d4p-3f, 0x1.68af6p-1f, -0x1.19488ep-3f, 0x1.98fb3ep-2f,
+    -0x1.982b5cp-3f, -0x1.7eb19ep-4f, 0x1.652c6p-4f, 0x1.469254p-4f, 0x1.ce46a4p-7f,
+    -0x1.f6f574p-1f, -0x1.694016p-1f, -0x1.e6776p-2f, 0x1.32226ap-2f, 0x1.7da5f6p-2f,
+    -0x1.cbf516p-3f, 0x1.390ff2p-1f, -0x1.42ef6cp-6f, 0x1.dbcdf4p-4f, -0x1.3c324ap-2f,
+    -0x1.d27dd2p-2f, -0x1.754e8p-2f, 0x1.53656ep-5f, 0x1.3681aep-5f, -0x1.1a50a4p-2f,
+    -0x1.d41e3ep-3f, -0x1.29dba4p-4f, -0x1.1849ap-3f, -0x1.debe2ap-5f, -0x1.ae9278p-7f,
+    0x1.9e229cp-3f, -0x1.f04b4ep-5f, 0x1.ad4fdcp-2f, -0x1.c139fap-2f, -0x1.31aa22p-2f,
+    0x1.90cccep-2f, 0x1.d3aafp-3f, 0x1.e7a70ap-4f, -0x1.a19e7ep-4f, 0x1.2302c6p+0f, -0x1.764ebap-2f,
+    -0x1.f8e11ep-8f, -0x1.0406a6p-5f, -0x1.d71b86p-2f, -0x1.4b8a3cp-3f, 0x1.5120c4p-4f,
+    0x1.7ce0fp-2f, -0x1.6e3d8p-3f, 0x1.bcf544p-3f, 0x1.41a298p-6f, 0x1.c8486ep-2f, -0x1.3e397cp-1f,
+    -0x1.46551cp-5f, 0x1.a445c4p-5f, 0x1.3aec9ap-2f, 0x1.af6288p-2f, -0x1.8c01bap-1f,
+    0x1.e20f08p-4f, 0x1.5bc42cp-3f, -0x1.1bd632p-4f, 0x1.5ff47cp-3f, -0x1.35b69ep-4f,
+    0x1.abe0c8p-5f, 0x1.91954ep-4f, 0x1.74b63ap-2f, -0x1.059d3cp-4f, -0x1.9cd4ccp-2f,
+    0x1.6c9a84p-3f, -0x1.1d2f62p-2f, 0x1.7c5454p-5f, -0x1.7808a8p+0f, 0x1.5d9e9ep-6f,
+    0x1.d74d3cp-2f, -0x1.19580cp-3f, 0x1.48ac12p-6f, 0x1.122eb4p-2f, 0x1.296934p-3f,
+    -0x1.0a5db2p-3f, -0x1.23f66ap-7f, -0x1.42dac6p-2f, -0x1.4598ccp-1f, -0x1.03e8f6p-2f,
+    0x1.38d19ep-4f, 0x1.1c3f46p-2f, 0x1.593de2p-4f, 0x1.3bdf0ap-2f, 0x1.b80134p-2f, -0x1.b9365p-3f,
+    -0x1.9c4256p-1f, -0x1.6d6844p-3f, 0x1.24bdb4p-2f, -0x1.55727p-2f, 0x1.25a718p-5f,
+    0x1.66754cp-4f, -0x1.0b379p-3f, 0x1.8b70bcp-1f, -0x1.41ea94p-7f, 0x1.a91048p-4f,
+    -0x1.66b5ccp-3f, 0x1.a6b4e2p-7f, -0x1.e3d69ap-3f, -0x1.c8e886p-2f, 0x1.746b7cp-3f,
+    -0x1.c4065cp-5f, -0x1.1f952ap-3f, 0x1.9c6a84p-4f, 0x1.1e67f2p-5f, 0x1.4262cap-3f,
+    -0x1.ead304p-2f, -0x1.748b3ap-3f, -0x1.c67bb6p-2f, 0x1.0cfe22p-4f, -0x1.2f649ap-6f,
+    0x1.2238p-2f, -0x1.63ec22p-4f, 0x1.5e38bap-2f, 0x1.9fc208p-2f, -0x1.5bd716p-1f, 0x1.40d62ap-2f,
+    -0x1.a5594ap-3f, 0x1.06ce62p-4f, 0x1.e7eadap-6f, 0x1.587522p-3f, 0x1.6c2224p-3f,
+    -0x1.7c4dfep-3f, 0x1.552c94p-1f, 0x1.408a42p-2f, 0x1.4eb5f4p-1f, -0x1.2fc10ap-4f,
+    0x1.b7e60cp-4f, 0x1.abfc88p-7f, 0x1.10501ep-3f, 0x1.1ce5aap-5f, 0x1.3c0ae4p-4f, 0x1.c70194p-4f,
+    0x1.21a43cp-2f, -0x1.68a4bcp-3f, 0x1.c23f14p-2f, 0x1.7f2c4p-3f, -0x1.3f677ep-4f,
+    -0x1.0eb1eep-5f, 0x1.395feep-3f, 0x1.c6b136p-2f, 0x1.28ffd2p-5f, -0x1.39eabcp-4f,
+    -0x1.ef6b0cp-2f, 0x1.ad87aap-5f, -0x1.b2f972p-4f, 0x1.8dfedcp-2f, 0x1.46da6p-4f,
+    -0x1.e82bf8p-2f, -0x1.dd813cp-5f, -0x1.6bd65ap-4f, -0x1.027198p+0f, 0x1.1824b2p-5f,
+    -0x1.c4ba36p-4f, 0x1.90934ep-3f, 0x1.947b64p-5f, 0x1.2145bep-9f, -0x1.34712ap-3f,
+    -0x1.25e558p-3f, 0x1.d7d84p-1f, 0x1.96cfap-7f, -0x1.563ac8p-3f, -0x1.4340e8p-3f,
+    -0x1.63ef8cp-3f, -0x1.69a8d4p-5f, -0x1.456a76p-1f, 0x1.3af9fp-1f, 0x1.92797p-4f, 0x1.5c02f2p-4f,
+    0x1.27e77ap-3f, 0x1.74bb5p-4f, -0x1.b917dep-3f, -0x1.40a83cp-2f, 0x1.1090cp-2f, -0x1.f3bb3ap-6f,
+    -0x1.4aad04p-2f, -0x1.3042c2p-1f, 0x1.f8751ep-1f, 0x1.0bd076p-2f, -0x1.9fd164p-4f,
+    -0x1.3ce2ccp-2f, -0x1.175c64p-4f, 0x1.4fbd2ep-3f, 0x1.59e1ep-3f, 0x1.4487f8p-3f, -0x1.7531p-4f,
+    0x1.4dd6ecp-2f, -0x1.a26352p-2f, -0x1.11bb3ep-3f, 0x1.4bf384p-3f, -0x1.c36afep-1f,
+    0x1.ef1a42p-4f, 0x1.8622ep-2f, -0x1.25f01ep-1f, 0x1.0609a8p-3f, 0x1.b88d5ap-3f, 0x1.29fd7ap-1f,
+    0x1.4572bep-3f, 0x1.f08462p-4f, 0x1.9873a8p-4f, -0x1.416ae2p-2f, -0x1.2a2a96p-1f,
+    0x1.1c4886p-9f, 0x1.3d19cp-3f, 0x1.027b14p-4f, -0x1.ec33cp-5f, 0x1.8807e6p-1f, -0x1.c585c4p-7f,
+    -0x1.5c6634p-5f, 0x1.206db6p-3f, -0x1.63bdf4p-2f, -0x1.d069a8p-3f, 0x1.9871fap-2f,
+    0x1.8120dp-2f, 0x1.055ffcp-2f, 0x1.500722p-2f, -0x1.502d3p-3f, 0x1.78e65p-4f, 0x1.265718p-3f,
+    -0x1.97227cp-2f, -0x1.c9d2dcp-2f, 0x1.f6eaa2p-3f, 0x1.8e4b3p-2f, -0x1.373c14p-1f,
+    0x1.23981ap-4f, 0x1.dcd0bap-2f, 0x1.0286cep-1f, 0x1.1a9186p-2f, 0x1.27c3b2p-6f, 0x1.7fd778p-1f,
+    -0x1.0995b2p-1f, -0x1.4c787ep-3f, -0x1.82bd74p-3f, -0x1.eb9f16p-2f, 0x1.04ee7p-2f,
+    0x1.f47036p-2f, 0x1.b6ada6p-2f, 0x1.e589fap-2f, -0x1.43358ep-5f, -0x1.0f9898p-2f,
+    0x1.a353dep-1f, -0x1.e8b08ep-1f, -0x1.4ec604p-2f, -0x1.e8d918p-3f, 0x1.125422p-1f,
+    -0x1.aadf0ep-6f, -0x1.43077p-1f, -0x1.b7878ep-6f, -0x1.2e6b46p-3f, 0x1.8c80fp-6f,
+    -0x1.b6e86cp-6f, 0x1.819928p-6f, -0x1.31409ep-2f, -0x1.98736ep-2f, 0x1.7c9abep-1f,
+    0x1.05f186p-3f, -0x1.417bfcp-1f, 0x1.255a8ap-1f, -0x1.a5034ep-2f, 0x1.924a4cp-4f,
+    -0x1.bb4f7p-1f, 0x1.9f35fp-3f, 0x1.f34e6ap-5f, -0x1.fa9e06p-4f, 0x1.1404aap-1f, 0x1.af39dap-1f,
+    0x1.2a1734p-2f, 0x1.cfb072p-4f, -0x1.71aab2p-4f, -0x1.85fa32p-4f, -0x1.088f42p-1f,
+    -0x1.ccf374p-5f, -0x1.01a904p-5f, 0x1.627d34p-3f, 0x1.41a6f8p-2f, -0x1.d2601cp-5f,
+    0x1.1b0a5ap-1f, -0x1.ea8dfap-3f, -0x1.ecf4cap-4f, 0x1.045494p-1f, 0x1.26624cp-2f,
+    0x1.84b102p-7f, 0x1.846142p-4f, 0x1.36faf4p-2f, -0x1.06f3e2p-3f, 0x1.d8eb26p-3f,
+    -0x1.2b95cap-3f, 0x1.50357p-2f, 0x1.7e71f2p-4f, 0x1.5573d4p-3f, -0x1.d1359ap-5f, 0x1.ef2dcp-4f,
+    0x1.9d0bc4p-2f, -0x1.9be3bcp-5f, -0x1.b72b7ep-2f, -0x1.396042p-6f, -0x1.155cbap-4f,
+    0x1.65f1aep-8f, 0x1.febe82p-5f, 0x1.8b89f8p-3f, -0x1.1d8876p-3f, 0x1.723b02p-2f, -0x1.5a107p-4f,
+    -0x1.96b4ep-4f, 0x1.02a61ap-3f, -0x1.2087fcp-1f, 0x1.4e3acap-4f, 0x1.75c27p-4f, 0x1.0750eep-3f,
+    0x1.0dfd9ep-3f, -0x1.0e4408p-3f, 0x1.1fcb68p-1f, -0x1.6f7798p-8f, 0x1.5ee1bp-3f,
+    -0x1.57c688p-4f, 0x1.1371a4p-2f, -0x1.ecf88cp-7f, -0x1.339cc6p-2f, 0x1.20304cp-1f,
+    -0x1.0a4568p-5f, -0x1.bcbc1ep-2f, 0x1.5a7b5p-3f, 0x1.3cdb4cp-2f, -0x1.cdd018p-7f,
+    -0x1.321766p-4f, 0x1.caac28p-3f, -0x1.10ef2ep-4f, 0x1.94b6dap-2f, 0x1.6cd5e8p-4f,
+    0x1.2e3082p-4f, -0x1.628214p-5f, -0x1.e7283ep-3f, 0x1.efe3d8p-8f, -0x1.c597b6p-4f,
+    0x1.47608ep-4f, -0x1.313e98p-2f, -0x1.001ed6p-2f, -0x1.8afbccp-4f, 0x1.f380ecp-2f,
+    -0x1.82b828p-3f, 0x1.51cf3p-2f, -0x1.d17d82p-2f, 0x1.30824p-7f, 0x1.ca203p-4f, -0x1.196b3ep-2f,
+    0x1.dfd96cp-4f, 0x1.268512p-9f, 0x1.8ad2d8p-4f, 0x1.2bb73cp-7f, 0x1.3f8eaep-3f, -0x1.e5866cp-3f,
+    -0x1.5fb02cp-1f, -0x1.4813d4p-5f, 0x1.c9b2ap-3f, 0x1.1eea4p-3f, -0x1.5ef152p-5f, 0x1.0a6a88p-4f,
+    0x1.cc015ap-2f, -0x1.72404ap-2f, 0x1.fa21f8p-5f, -0x1.7ecb1cp-2f, -0x1.6bab1ep-3f,
+    -0x1.f1b5d6p-4f, 0x1.9ce8ep-3f, -0x1.544012p-5f, 0x1.eb2688p-5f, -0x1.ea36a4p-3f,
+    -0x1.076b9ep-3f, 0x1.bb922p-5f, -0x1.b8d588p-3f, -0x1.6e47dep-3f, -0x1.197d3ap-3f,
+    0x1.34a008p-6f, 0x1.94d788p-7f, -0x1.a2aeecp-2f, 0x1.216cacp-3f, -0x1.7bf3c8p-3f,
+    -0x1.cdc58ap-2f, 0x1.d4435ap-3f, 0x1.2c5928p-1f, -0x1.fdf6fp-4f, 0x1.00eddp-2f, 0x1.050bfep-1f,
+    -0x1.d0e8aap-4f, -0x1.9d22f4p-2f, 0x1.51bc64p-2f, 0x1.97d954p-3f, 0x1.5a53fp-2f,
+    -0x1.16bbeap-1f, 0x1.492a4cp-2f, -0x1.339cep-3f, 0x1.d57634p-3f, 0x1.325fe2p-4f, 0x1.3983a2p-6f,
+    0x1.6bc938p-3f, 0x1.3deafp-5f, -0x1.c68c14p-7f, 0x1.3cbdfap-4f, -0x1.411b36p-3f,
+    -0x1.576324p-5f, 0x1.a86b9ep-3f, 0x1.563632p-2f, 0x1.3671a4p-1f, 0x1.00386cp-4f, 0x1.3bd948p-3f,
+    -0x1.1034e2p-1f, -0x1.3509dcp-3f, -0x1.c870b6p-3f, 0x1.0030d4p-1f, -0x1.a45096p-2f,
+    0x1.34dc2cp-3f, 0x1.016ceep-2f, -0x1.f35564p-4f, 0x1.09e79ap-2f, -0x1.d1e42p-5f, 0x1.343d86p-2f,
+    0x1.c672bcp-4f, -0x1.5b9e5ap-4f, -0x1.34b044p-3f, 0x1.f496dp-2f, 0x1.a56ffep-3f,
+    -0x1.92f116p-1f, -0x1.7cc5f8p-4f, 0x1.d61f4cp-4f, 0x1.3c70b6p-2f, -0x1.a10622p-3f,
+    -0x1.8f4d66p-3f, -0x1.5b2808p-2f, -0x1.70a7e8p-1f, 0x1.3f92fp-2f, 0x1.50e26cp-3f,
+    0x1.38a66ep-1f, 0x1.6495a6p-3f, 0x1.d5b9c2p-2f, -0x1.64df56p-3f, -0x1.2d9a36p-3f,
+    -0x1.c243d8p-3f, -0x1.918dd4p-3f, 0x1.34692ep-2f, -0x1.e80b24p-4f, 0x1.dc3068p-4f,
+    -0x1.17c418p-10f, 0x1.f6c99ap-10f, 0x1.db4e1p-2f, 0x1.517f8cp-3f, 0x1.71f4f2p-3f,
+    -0x1.43055p-3f, -0x1.434b8ep-8f, 0x1.14b9e6p-3f, -0x1.c084bep-3f, 0x1.8b2ac8p-3f,
+    -0x1.4ade06p-3f, 0x1.016aa6p-1f, -0x1.77e9e8p-4f, -0x1.a8f19p-2f, 0x1.54b03p-2f, -0x1.30d63p-2f,
+    0x1.308ce8p-3f, -0x1.a876aep-3f, 0x1.181d62p-1f, 0x1.04b9a6p-1f, 0x1.e3520ap-4f, 0x1.6a1bfep-4f,
+    0x1.eb2ecp-5f, 0x1.2ac036p-3f, -0x1.5de88ep-3f, -0x1.2a4c32p-3f, 0x1.705d34p-4f,
+    -0x1.7e8188p-1f, -0x1.798536p-5f, -0x1.2025fp-2f, -0x1.5b429p-2f, -0x1.275cd8p-1f,
+    0x1.90610ap-6f, 0x1.c9de58p-3f, -0x1.e5196ep-2f, -0x1.683142p-3f, -0x1.e4bdeep-2f,
+    -0x1.46e1dep-10f, 0x1.0003d2p-2f, 0x1.962226p-3f, -0x1.eb55dp-3f, -0x1.8bcecap-5f,
+    0x1.d1c67ep-10f, -0x1.ddc84p-3f, -0x1.cba3e8p-5f, 0x1.ce44eep-1f, -0x1.3c89bp-6f,
+    -0x1.0e8cc8p-2f, -0x1.00528ap-4f, 0x1.b38426p-4f, 0x1.06a43ap-5f, 0x1.01d51ap-1f,
+    -0x1.5cfe42p-2f, -0x1.9c5204p-5f, -0x1.d6bc0cp-4f, -0x1.32dddp-7f, 0x1.7418aep-2f,
+    0x1.2ff796p-3f, 0x1.ebd39cp-9f, -0x1.9c17f6p-3f, 0x1.6cade6p-3f, 0x1.1facd2p-2f, 0x1.a5a264p-6f,
+    0x1.0960e4p-1f, 0x1.2261c6p-6f, -0x1.554888p-2f, -0x1.46c9e8p-2f, -0x1.34f8a2p-4f,
+    -0x1.daf0bp-4f, -0x1.b49398p-4f, -0x1.eb3bap-6f, 0x1.0787c2p+0f, 0x1.67eaacp-3f, 0x1.80eb9ap-4f,
+    0x1.26434cp-3f, 0x1.807526p-5f, -0x1.1ac5ecp-2f, 0x1.925098p-3f, 0x1.f70854p-5f,
+    -0x1.be0456p-2f, -0x1.5a7584p-7f, -0x1.007b8p-2f, -0x1.4dc17ap-2f, -0x1.8dfecap-4f,
+    0x1.c3d9p-3f, 0x1.082c52p-3f, 0x1.38059ep-1f, 0x1.c99f94p-4f, 0x1.6ea8ccp-2f, -0x1.fc17ep-1f,
+    -0x1.3faf36p-7f, 0x1.108238p-1f, -0x1.f7d934p-3f, -0x1.04ef3ep-2f, 0x1.df6e8ep-6f,
+    0x1.42131cp-2f, 0x1.aa8e28p-3f, 0x1.79b5a2p-4f, 0x1.85ea36p-2f, -0x1.4381f8p-4f, 0x1.a68c38p-2f,
+    -0x1.6e6526p-4f, -0x1.a49e24p-3f, -0x1.b7f7f4p-4f, -0x1.1b3ad2p-2f, -0x1.8674e4p-4f,
+    0x1.7f2c9p-2f, 0x1.5b9f42p-5f, -0x1.dbaff4p-2f, -0x1.6b4b86p-3f, 0x1.5c7a2ep-5f, 0x1.98f8bep-2f,
+    0x1.b0e23cp-4f, -0x1.aa89bep-4f, -0x1.2eedd8p-3f, -0x1.942d1cp-1f, 0x1.076bb6p-1f,
+    -0x1.496d4p-6f, 0x1.4ceaa4p-3f, -0x1.4ab462p-2f, 0x1.566fcap-4f, 0x1.d05342p-3f,
+    -0x1.82f2c6p-1f, -0x1.3d3f0ep-3f, -0x1.19efd4p-3f, -0x1.78fdfcp-3f, 0x1.c61fdap-6f,
+    -0x1.c20ce8p-4f, 0x1.a1bc64p-5f, -0x1.6b00bep-3f, 0x1.8cf108p-1f, 0x1.749b46p-5f,
+    0x1.dcc74ep-2f, -0x1.3c449ap-3f, -0x1.8dbbacp-8f, -0x1.4e1daap-2f, -0x1.7f68d6p-2f,
+    0x1.2ee96ap-2f, -0x1.4f2d86p-2f, 0x1.a88e54p-2f, 0x1.53a1bcp-1f, -0x1.d922fap-3f,
+    -0x1.bedadap-5f, 0x1.2111a8p-5f, -0x1.0ea47p-7f, -0x1.0b1d7p-1f, -0x1.a796a4p-4f,
+    0x1.7f4accp-3f, 0x1.bf2168p-3f, -0x1.0498dep-6f, -0x1.1de0e8p-1f, -0x1.49116ap-4f,
+    -0x1.7971cap-6f, 0x1.30977p-1f, -0x1.4f7dd6p-3f, 0x1.533a08p-4f, 0x1.420414p-4f, 0x1.704b8ap-1f,
+    -0x1.f6d652p-3f, -0x1.31ebecp-2f, -0x1.48aa7p-4f, -0x1.3dc408p-2f, 0x1.55dbf4p-2f,
+    0x1.3e79bap-4f, -0x1.81bc2ep-2f, 0x1.a506p-2f, 0x1.1f9934p-2f, 0x1.0c5938p-2f, -0x1.2454cap-3f,
+    0x1.344e8cp-4f, -0x1.4ae0d6p-5f, -0x1.051748p-5f, -0x1.f074acp-1f, 0x1.7ffddcp-4f,
+    0x1.131ffap-3f, -0x1.3b07f6p-3f, 0x1.a2f726p-3f, 0x1.7bb636p-5f, -0x1.3e862cp-3f,
+    0x1.c396a8p-4f, -0x1.712e62p-3f, -0x1.125782p-3f, -0x1.581e5ep-4f, 0x1.885fc4p-5f,
+    0x1.bb4ff8p-2f, 0x1.0f3154p-1f, -0x1.1f3098p-4f, 0x1.6c1cd2p-4f, -0x1.70964ap-3f,
+    0x1.9b5d68p-1f, -0x1.532996p-5f, -0x1.fe23e4p-4f, 0x1.572d22p-3f, 0x1.297facp-4f,
+    -0x1.91f0cap-4f, 0x1.e7007ep-3f, -0x1.5a7c3ep-2f, -0x1.7a4b0ap-4f, 0x1.ea298cp-5f,
+    0x1.d275d8p-5f, -0x1.25f656p-3f, 0x1.6199p-2f, -0x1.dc0774p-3f, 0x1.5b24eep-1f, 0x1.50533ap-5f,
+    0x1.144c5p-4f, -0x1.26149p-3f, -0x1.56daccp-4f, 0x1.7def04p-3f, -0x1.872fc8p-5f, -0x1.97d0ep-3f,
+    0x1.2ed83cp-4f, 0x1.3d8eaap-4f, 0x1.bebfdap-2f, 0x1.70c98cp-2f, 0x1.566fa8p-2f, -0x1.b3069ep-3f,
+    -0x1.e542dp-3f, 0x1.20c2bap-1f, -0x1.c37248p-2f, 0x1.42dd48p-4f, -0x1.16acfcp-1f,
+    -0x1.6268d6p-1f, -0x1.9b8996p-5f, 0x1.87091ep-4f, 0x1.bff99cp-3f, -0x1.26f8d8p-2f,
+    -0x1.1cd11p-8f, -0x1.97a0b8p-2f, -0x1.f22f02p-6f, 0x1.41c962p-2f, -0x1.79cfeep-2f,
+    -0x1.88e86p-4f, 0x1.262186p-5f, -0x1.d528dcp-2f, 0x1.4fbc46p-4f, 0x1.a9ceb4p-4f, 0x1.fe1026p-2f,
+    0x1.fa65ccp-3f, 0x1.c30078p-3f, -0x1.ba1658p-6f, -0x1.447caap-4f, -0x1.a60584p-4f,
+    0x1.2224dep-1f, -0x1.e35ed2p-4f, -0x1.98253ep-3f, -0x1.434a4cp-3f, -0x1.4715eep-3f,
+    0x1.04ad82p-2f, -0x1.70e0cap-4f, -0x1.459c38p-6f, -0x1.799a4cp-2f, -0x1.daeba8p-4f,
+    -0x1.7927e8p-3f, -0x1.0d9bccp-5f, -0x1.195a44p-3f, -0x1.10dde8p-3f, 0x1.30bd2cp-5f,
+    -0x1.1eb0acp-3f, 0x1.82a54cp-3f, -0x1.cfe348p-3f, -0x1.721b56p-1f, 0x1.2ee24p-4f,
+    0x1.f699c4p-1f, 0x1.20ad46p-4f, 0x1.16be3ap-2f, 0x1.6bf55cp-3f, -0x1.3924cp-3f, -0x1.14328ap-2f,
+    0x1.da2f36p-2f, 0x1.7dd77cp-3f, -0x1.5b40e8p-1f, -0x1.4a3258p-3f, -0x1.200fd4p-3f,
+    -0x1.b3645cp-5f, -0x1.a08d88p-5f, 0x1.c08cdp-5f, 0x1.e015a2p-3f, 0x1.d57416p-2f,
+    -0x1.8d97f6p-3f, -0x1.b49b62p-2f, -0x1.c1bf64p-2f, 0x1.e8c314p-4f, 0x1.d432fap-3f,
+    0x1.831fd2p-6f, -0x1.e58862p-2f, -0x1.c14b6cp-6f, 0x1.829672p-3f, 0x1.140392p-4f,
+    0x1.a9cdccp-3f, 0x1.bc9a2ep-3f, -0x1.f94128p-2f, 0x1.8be2e8p-4f, 0x1.df0fb2p-3f, 0x1.8a404ep-6f,
+    -0x1.109ed8p-1f, -0x1.0108p-2f, -0x1.a9c354p-4f, -0x1.428e84p-4f, 0x1.70e8p-3f, 0x1.cbedcap-4f,
+    0x1.ad2878p-4f, -0x1.7faaa4p-3f, -0x1.84595p-2f, 0x1.60499cp-3f, -0x1.57f926p-2f,
+    0x1.c90a96p-4f, -0x1.917634p-4f, 0x1.9b8c04p-5f, -0x1.d2cab6p-3f, 0x1.c311f2p-2f,
+    -0x1.9d6d6p-4f, -0x1.78c0dcp-3f, -0x1.9d75c2p-5f, 0x1.4ee93ep-4f, -0x1.ca78c2p-5f,
+    -0x1.ad497ap-7f, -0x1.837eap-2f, 0x1.ccd3bp-2f, -0x1.4258c8p-3f, -0x1.8aa016p-3f,
+    0x1.21f516p-3f, -0x1.be5c7cp-3f, -0x1.79f992p-5f, 0x1.50701cp-4f, -0x1.8c17cap-3f,
+    0x1.1fa5bp-2f, 0x1.f02692p-4f, 0x1.22d7bcp-4f, -0x1.3bb604p-3f, 0x1.06e664p-1f, -0x1.521a56p-2f,
+    -0x1.0d7a3cp-3f, -0x1.3a5f08p-2f, 0x1.8eabacp-4f, -0x1.614006p-5f, 0x1.608a56p-3f,
+    -0x1.e02bfcp-5f, -0x1.926e7ap-6f, 0x1.1e2a0cp-2f, -0x1.113fe2p-3f, 0x1.463c84p-3f,
+    0x1.7f653ap-4f, -0x1.7ec986p-2f, 0x1.ac852ep-4f, -0x1.aa5928p-4f, 0x1.2db60cp-1f,
+    0x1.f2d72ap-4f, -0x1.6278a4p-2f, -0x1.1ad4a2p-1f, 0x1.b410d6p-6f, 0x1.b00238p-2f,
+    0x1.8cee7ep-4f, 0x1.52c838p-3f, 0x1.faf862p-5f, -0x1.e9d196p-2f, -0x1.e10d94p-7f,
+    -0x1.f63ad2p-4f, -0x1.714978p-2f, -0x1.76464ap-2f, -0x1.5da2fap-4f, -0x1.b35af6p-3f,
+    -0x1.2b797cp-2f, 0x1.1adfd2p-1f, -0x1.4f0932p-5f, -0x1.3456b8p-3f, -0x1.128864p-3f,
+    -0x1.0e0a7ep-5f, -0x1.3ea892p-2f, -0x1.09d51cp-2f, 0x1.95c2f8p-2f, -0x1.b9ddd8p-4f,
+    0x1.2e6dcap-2f, 0x1.5cbecp-4f, 0x1.de225p-2f, -0x1.f13332p-7f, -0x1.06f718p-3f, 0x1.c41046p-3f,
+    -0x1.343da8p-3f, -0x1.3f2b36p-6f, 0x1.ac1d5p-3f, -0x1.995fe4p-1f, 0x1.21bf74p-1f,
+    -0x1.92070cp-7f, 0x1.61c0b8p-2f, -0x1.bebddp-4f, 0x1.85ebp-2f, 0x1.7c75d2p-3f, 0x1.e8135ep-3f,
+    0x1.1fa54ap-2f, -0x1.e2404ep-3f, -0x1.37161cp-5f, -0x1.cc9592p-3f, -0x1.1a76eep-3f,
+    0x1.65e5fap-7f, -0x1.55dafp-1f, 0x1.684a3cp-2f, -0x1.7f7968p-2f, 0x1.bd1796p-2f, 0x1.1e22f2p-3f,
+    -0x1.ddb224p-3f, 0x1.4d28fep-3f, 0x1.85836cp-3f, 0x1.3dcee8p-3f, 0x1.4346c6p-2f,
+    -0x1.befdb2p-3f, -0x1.402d18p-3f, -0x1.89eac2p-4f, 0x1.f1b73p-7f, 0x1.798p-4f, -0x1.e462c4p-2f,
+    0x1.3fa196p-3f, -0x1.07731ap-2f, 0x1.f61b66p-3f, 0x1.da6724p-2f, -0x1.8dd05cp-6f,
+    -0x1.61da38p-3f, -0x1.295788p-6f, 0x1.42e148p-2f, 0x1.0392c8p-6f, -0x1.eda91p-6f,
+    -0x1.be483ap-5f, -0x1.c8a688p-1f, -0x1.92eb9ap-4f, 0x1.ef24bep-4f, 0x1.dd11c6p-2f,
+    -0x1.fec0ccp-8f, -0x1.fe6e6ap-8f, 0x1.d67d9cp-2f, -0x1.52217ep-1f, 0x1.dd5642p-5f,
+    -0x1.d7cd7ep-4f, -0x1.10f192p-2f, 0x1.37cafp-1f, 0x1.7cae34p-2f, 0x1.64a5f8p-1f, 0x1.c8926ep-3f,
+    -0x1.f52342p-4f, -0x1.6b8d8p-7f, 0x1.23441ap-1f, -0x1.758046p-1f, -0x1.c17ec4p-3f,
+    -0x1.145d9cp-3f, 0x1.b7076ap-1f, 0x1.1ea8f4p-3f, -0x1.354998p-2f, -0x1.6ab186p-4f,
+    -0x1.5af8bap-2f, 0x1.e45e7p-6f, -0x1.0470fcp-2f, -0x1.109162p-1f, -0x1.e51966p-2f,
+    -0x1.3e3ac6p-2f, 0x1.99a7b8p-3f, 0x1.0bfaap-4f, -0x1.686a0ap-2f, 0x1.a062f2p-3f,
+    -0x1.557c7ap-2f, -0x1.b36d1ap-5f, -0x1.af10bap-3f, -0x1.e5c3a4p-4f, 0x1.bd1934p-4f,
+    -0x1.eb3864p-2f, 0x1.9e4128p-2f, 0x1.0a1f34p-2f, 0x1.4ad82cp-1f, 0x1.d82d0cp-9f,
+    -0x1.146928p-1f, -0x1.46e5b6p-2f, -0x1.fa42p-4f, -0x1.79e80ap-4f, -0x1.451e1ep-5f,
+    0x1.c1d2e2p-2f, 0x1.08fd02p-1f, -0x1.c8e9b4p-5f, -0x1.0a0afp-6f, 0x1.b59c9p-2f, 0x1.142c6p-2f,
+    -0x1.655faap-2f, 0x1.3d3fd6p-7f, -0x1.b73966p-3f, -0x1.2b400ep-1f, 0x1.01774ap-9f,
+    0x1.6706c4p-2f, 0x1.10de6ap-8f, 0x1.3bb088p-5f, -0x1.3b4318p-2f, 0x1.b9cd22p-3f,
+    -0x1.ea2bf6p-3f, 0x1.9be48p-5f, 0x1.51b1a6p-2f, -0x1.40ea04p-2f, -0x1.081938p-4f,
+    -0x1.354da8p-3f, 0x1.533894p-3f, -0x1.1b3004p-4f, -0x1.4c847cp-6f, 0x1.1b2d18p-2f,
+    -0x1.86491cp-4f, -0x1.49028p-3f, 0x1.1549b2p-2f, -0x1.b3fc74p-5f, -0x1.67ef3ap-2f, 0x1.3e11p-4f,
+    -0x1.48c342p-4f, -0x1.37cb44p-3f, 0x1.37bb7cp-3f, 0x1.e2b1c8p-3f, -0x1.221ca8p-3f,
+    0x1.e19432p-1f, -0x1.d29bd8p-3f, -0x1.c01396p-6f, -0x1.1a238ep-3f, -0x1.7ec51cp-2f,
+    0x1.67d396p-4f, 0x1.69ad54p-3f, 0x1.054ce8p-4f, 0x1.d7d2a8p-5f, 0x1.558d34p-4f, -0x1.60a5aep-2f,
+    0x1.1340e2p-3f, -0x1.74b1bcp-6f, -0x1.0bf376p-1f, 0x1.d783d4p-3f, -0x1.646342p-2f,
+    0x1.f7ea7ap-4f, -0x1.717244p-6f, 0x1.95cbf6p-8f, -0x1.e8bec4p-4f, 0x1.ec563ep-5f,
+    -0x1.3c9be4p-3f, -0x1.acb804p-3f, 0x1.849914p-2f, 0x1.102fe2p-3f, 0x1.8a8a84p-3f,
+    0x1.410f08p-2f, 0x1.acc9b2p-3f, -0x1.130392p-2f, 0x1.de8946p-3f, -0x1.573176p-5f,
+    -0x1.7e1f0ep-2f, -0x1.4a9062p-1f, -0x1.be2692p-2f, -0x1.cfa23p-6f, 0x1.31d2b2p-8f,
+    0x1.5223d4p-2f, -0x1.2a3524p-2f, -0x1.e6bd6ep-3f, -0x1.635812p-2f, 0x1.f2c764p-3f,
+    0x1.3d6b7cp-2f, -0x1.43e6cap-2f, -0x1.18b63p-2f, -0x1.453bbcp-2f, -0x1.13f6c4p-2f,
+    -0x1.b30eb6p-3f, 0x1.e0f7ep-3f, 0x1.2c0664p-3f, -0x1.d363c2p-3f, 0x1.c1345ep-2f, 0x1.6a2768p-2f,
+    -0x1.5ead5cp-3f, -0x1.2f65acp-2f, -0x1.5f3ef6p-4f, 0x1.eb4aa6p-4f, -0x1.d17e32p-6f,
+    0x1.c99674p-6f, -0x1.8e6a7p-2f, 0x1.97a17p-3f, 0x1.3be23ap-3f, 0x1.a95882p-3f, -0x1.dac8e6p-3f,
+    0x1.c76432p-10f, -0x1.b6d16ap-2f, 0x1.af4f64p-3f, 0x1.252ea6p-2f, -0x1.159d52p-3f,
+    0x1.91d9a4p-3f, 0x1.2d2734p-4f, 0x1.fb703ep-7f, 0x1.5f010cp-5f, -0x1.380372p-3f, 0x1.8f50a8p-2f,
+    0x1.c0b97ep-1f, -0x1.c207ap-4f, 0x1.2caf98p-3f, -0x1.103e82p-4f, -0x1.5a93ecp-4f, 0x1.a46bdp-5f,
+    -0x1.58e962p-2f, 0x1.312b5ap-2f, -0x1.620238p-1f, -0x1.dc20e6p-2f, -0x1.d53feep-10f,
+    0x1.67383cp-8f, 0x1.2bab46p-3f, -0x1.663788p-5f, 0x1.781516p-2f, 0x1.e337c4p-4f, 0x1.85466ap-3f,
+    -0x1.382a62p-2f, -0x1.2e3e38p-1f, -0x1.85df7ap-2f, -0x1.41d67p-2f, 0x1.613ba6p-3f,
+    0x1.12c29cp-1f, 0x1.c5e3f2p-5f, -0x1.1d316ap-3f, 0x1.085686p-3f, -0x1.be5794p-3f,
+    -0x1.895868p-3f, 0x1.b1ed9cp-3f, -0x1.0e00c4p-1f, -0x1.6929aap-3f, -0x1.aa1cb6p-2f,
+    0x1.80adfep-2f, 0x1.544498p-3f, 0x1.055abap-1f, 0x1.9f293ep-3f, -0x1.208bp-2f, -0x1.abb752p-3f,
+    -0x1.1c7598p-2f, -0x1.4f6f7cp-2f, -0x1.efd476p-2f, -0x1.99bd92p-3f, -0x1.31f45ap-3f,
+    0x1.5486b6p-3f, 0x1.8a7d8ap-3f, 0x1.8bb478p-3f, -0x1.2bad5p-5f, -0x1.0f6702p-3f, 0x1.b9ad48p-3f,
+    -0x1.815776p-2f, -0x1.445b02p-5f, 0x1.10e1dp-6f, 0x1.680a3ep-1f, 0x1.b0ce24p-3f, 0x1.32201p-2f,
+    -0x1.e2963ep-2f, -0x1.cd3a6p-3f, 0x1.99130ap-4f, 0x1.746ad2p-3f, 0x1.0f3746p-3f, -0x1.73a56p-2f,
+    -0x1.8b6bfep-2f, 0x1.261c76p-3f, 0x1.311814p-4f, -0x1.114dc6p-2f, 0x1.e06cd4p-4f,
+    -0x1.a1f1e4p-2f, -0x1.f4d66p-4f, 0x1.5d5cc6p-3f, 0x1.2018d2p-4f, 0x1.aca2ccp-3f,
+    -0x1.050358p-1f, 0x1.fc99bp-3f, 0x1.2b2b7p-3f, 0x1.9997d6p-3f, -0x1.44ea3p-2f, -0x1.a74316p-2f,
+    -0x1.afcbc2p-4f, -0x1.590598p-6f, 0x1.3bc176p-4f, -0x1.3764aep-1f, -0x1.d5db44p-9f,
+    -0x1.dfc0ep-5f, -0x1.5aea34p-5f, 0x1.73be42p-1f, -0x1.a293f2p-3f, -0x1.6c37b8p-5f,
+    0x1.cc4baap-4f, 0x1.44f2e2p-1f, 0x1.bbd0e8p-4f, 0x1.7f3866p-2f, 0x1.3958d4p-1f, -0x1.4ba364p-2f,
+    0x1.915bbep-1f, -0x1.53aad8p-2f, 0x1.73fecp-4f, 0x1.f75464p-9f, -0x1.95e754p-2f,
+    -0x1.d784fep-3f, -0x1.262f32p-4f, 0x1.7f3174p-3f, 0x1.7807cap-3f, -0x1.a2d6cp-1f,
+    -0x1.b0e79cp-3f, 0x1.4ba788p-3f, 0x1.959f72p-4f, -0x1.29d8e8p-1f, -0x1.a00628p-7f,
+    -0x1.ce9688p-2f, 0x1.e701fp-3f, 0x1.8e6c18p-6f, 0x1.1dd89cp-2f, -0x1.c2171ep-4f,
+    -0x1.9210dcp-5f, -0x1.7f0ffap-6f, -0x1.f80fbcp-2f, 0x1.3c1516p-5f, -0x1.282ebcp-4f,
+    -0x1.24d14ap-4f, -0x1.2be5d6p-4f, 0x1.e9177cp-4f, -0x1.9bc19ap-3f, -0x1.0e15e2p-3f,
+    0x1.7b6722p-3f, 0x1.3a774ap-3f, 0x1.822db6p-3f, 0x1.81cc3ap-3f, -0x1.e57636p-3f,
+    -0x1.36dbfap-1f, -0x1.9c7818p-3f, 0x1.08d272p-2f, -0x1.f30ccap-6f, -0x1.4ac55p-2f,
+    0x1.3f403cp-1f, 0x1.a2bf8ap-4f, 0x1.b1892p-3f, 0x1.b9a77ep-2f, -0x1.7c7a74p-2f, -0x1.286fbcp-3f,
+    -0x1.8b8922p-6f, 0x1.e11674p-4f, -0x1.208246p-3f, -0x1.27d61p-2f, -0x1.5016dap-2f,
+    -0x1.8d05b8p-3f, 0x1.909c5cp-3f, 0x1.aa4cd2p-1f, 0x1.b9c4dp-1f, 0x1.ad507cp-8f, -0x1.43f068p-3f,
+    -0x1.1fbe22p-1f, -0x1.5cc7c8p-1f, 0x1.51f4cp-7f, 0x1.ad8734p-2f, 0x1.f11b06p-3f, 0x1.374f38p-3f,
+    0x1.e9d992p-4f, -0x1.730a96p-3f, -0x1.90a2b8p-2f, 0x1.93c5eap-2f, 0x1.2a7352p-4f,
+    -0x1.2fcb46p-2f, -0x1.b56fdep-2f, 0x1.6b5bdap-5f, 0x1.02d55p-4f, -0x1.063d2p-2f, 0x1.567572p-1f,
+    0x1.87217ep-5f, 0x1.356a0ap-2f, 0x1.5ff204p-1f, -0x1.78d38cp-3f, -0x1.7b8e54p-1f,
+    -0x1.bfb3bep-3f, 0x1.69a5ep-6f, -0x1.aa31d2p-2f, 0x1.fdcc72p-3f, -0x1.2672ccp+0f,
+    0x1.d151f4p-1f, 0x1.c77b74p-3f, 0x1.a27ee2p-4f, -0x1.0c22cp-1f, -0x1.17e2aep-1f, 0x1.f60d28p-4f,
+    0x1.f20128p-4f, 0x1.b818d6p-1f, 0x1.59543ap-3f, -0x1.c0607p-3f, 0x1.008fbap-2f, 0x1.510016p-2f,
+    0x1.6a13c6p-1f, 0x1.75b12ap-9f, 0x1.5e2174p-6f, 0x1.caecp-3f, -0x1.98251ap-2f, 0x1.1aaec6p-1f,
+    0x1.158f3cp-3f, 0x1.41bdf8p-4f, 0x1.87ba34p-9f, 0x1.982412p-4f, 0x1.45eae4p-1f, -0x1.5c712ep-1f,
+    -0x1.fa5196p-1f, 0x1.fde454p-5f, 0x1.540b0ap-4f, 0x1.08fbcap-1f, -0x1.117a14p-2f,
+    0x1.7e17e2p-3f, 0x1.1242b8p-4f, -0x1.8d772ep-5f, -0x1.056024p-2f, -0x1.b05abep-4f,
+    0x1.18c9d8p-2f, -0x1.de3708p-3f, -0x1.be577p-2f, -0x1.2211c2p+0f, 0x1.b8c2dap-4f,
+    0x1.2a1c7cp-4f, 0x1.af4722p-3f, 0x1.3b412ap-3f, 0x1.609086p-4f, -0x1.e1328ap-3f, 0x1.5631d4p-2f,
+    0x1.f5bd5ap-3f, 0x1.068e56p-3f, -0x1.6b82cp-3f, 0x1.37f8b6p-4f, 0x1.75eb62p-2f, -0x1.692f6cp-4f,
+    0x1.181764p-1f, 0x1.261116p-4f, -0x1.face8p-2f, -0x1.de06e2p-3f, 0x1.7dab7ap-3f,
+    -0x1.1875a2p-2f, -0x1.06ca88p-2f, 0x1.60936cp-4f, -0x1.0c0f62p-7f, -0x1.e70936p-6f,
+    -0x1.144ef4p-2f, 0x1.59d96ep-2f, -0x1.1bfd46p-1f, 0x1.817e8cp-3f, 0x1.5c2e0ep-5f,
+    -0x1.70966ep-3f, -0x1.233bfcp-4f, 0x1.ef6526p-6f, -0x1.ccb0eap-1f, 0x1.e0083ep-2f,
+    -0x1.4073bep-5f, -0x1.06d8eap-2f, -0x1.999afep-5f, 0x1.719892p-4f, -0x1.5b6fe2p-13f,
+    0x1.56dc28p-2f, -0x1.08a39ap-7f, 0x1.934bd6p-3f, -0x1.baae6p-3f, 0x1.a2a8ep-3f, -0x1.4bc54ap-3f,
+    0x1.d468f8p-2f, -0x1.6202ccp-1f, -0x1.2eeaeap-2f, -0x1.64218ep-1f, 0x1.b4d182p-2f,
+    0x1.3c56eap-3f, -0x1.efa18p-2f, 0x1.e914eep-5f, 0x1.5ea924p-3f, 0x1.2fe484p-6f, 0x1.0b693p-5f,
+    -0x1.158f72p-1f, -0x1.4c18cap-2f, 0x1.4ec8b6p-4f, 0x1.97a702p-5f, 0x1.7ce596p-4f,
+    -0x1.7e6752p-2f, 0x1.e47a24p-2f, 0x1.8fb84ap-4f, 0x1.38ed3ep-2f, 0x1.807ba6p-1f,
+    -0x1.14cf54p-2f, -0x1.5941bep-4f, -0x1.ea5388p-2f, -0x1.8276ep-3f, -0x1.613488p-3f,
+    -0x1.5ae7f8p-3f, -0x1.2ac274p-3f, -0x1.5d94dcp-3f, 0x1.c2c6bcp-3f, 0x1.ffb2bep-3f,
+    0x1.4434c4p-2f, 0x1.f7def6p-4f, 0x1.23c272p-2f, 0x1.b6403cp-4f, -0x1.d8f7cap-2f,
+    -0x1.5b851cp-4f, -0x1.997e62p-3f, -0x1.f5adc6p-2f, 0x1.3cb6acp-2f, -0x1.24f946p-3f,
+    0x1.c44d86p-7f, 0x1.15b64ep-3f, 0x1.358a06p-2f, -0x1.6dba12p-4f, 0x1.6a4a1ep-2f,
+    -0x1.8ea44ep-2f, -0x1.6c074ap-3f, 0x1.4d4c26p-5f, 0x1.6721acp-3f, 0x1.e951dep-4f,
+    0x1.552ed6p-2f, 0x1.786a18p-5f, 0x1.306b58p-4f, 0x1.b83858p-5f, 0x1.874d4cp-3f, 0x1.34f064p-3f,
+    0x1.5d9c6ap-4f, -0x1.ba69e6p-3f, -0x1.66b808p-3f, -0x1.a231d8p-7f, -0x1.319fd2p-1f,
+    -0x1.e38284p-8f, -0x1.08a36ap-4f, -0x1.28255p-2f, 0x1.75345ap-4f, 0x1.84cebcp-4f,
+    -0x1.2d34eep-4f, -0x1.f8e31ep-2f, 0x1.59b638p-1f, 0x1.5b4a3cp-2f, 0x1.29cbp-2f, -0x1.aeeb16p-5f,
+    -0x1.8c20cp-2f, -0x1.3812dap-2f, 0x1.eb5ef6p-3f, 0x1.0eeba2p-4f, -0x1.501156p-3f,
+    0x1.cc65cep-2f, 0x1.b20c2ep-3f, 0x1.3b99cep-3f, -0x1.274e56p+0f, -0x1.8f73b4p-7f,
+    -0x1.4aaf9ep-6f, -0x1.837594p-2f, -0x1.f99e32p-6f, -0x1.3b23c4p-3f, 0x1.1ab0ep-5f,
+    -0x1.1c3722p-1f, 0x1.944ae8p-2f, -0x1.fe6f76p-1f, 0x1.c1251cp-4f, 0x1.d2a566p-2f,
+    -0x1.e80cfp-4f, -0x1.eea90cp-5f, 0x1.66a9cp-2f, 0x1.d3ded6p-7f, -0x1.d0459p-2f, -0x1.52826ap-5f,
+    0x1.26ec4cp+0f, 0x1.6c919ep-2f, -0x1.036628p-2f, 0x1.095572p-2f, 0x1.9936dap-2f, 0x1.e9a5fep-6f,
+    0x1.fda31ep-7f, -0x1.fdf368p-2f, -0x1.bf2c7ap-10f, -0x1.a4fa9ap-4f, -0x1.b35326p-3f,
+    0x1.05c982p-3f, 0x1.134a64p-2f, 0x1.c2c504p-3f, -0x1.30000cp-4f, -0x1.78c4c6p-7f,
+    0x1.b0d13ep-2f, -0x1.ed0dap-3f, 0x1.d5ffccp-4f, -0x1.227194p-4f, -0x1.b5e442p-8f,
+    -0x1.8b5baap-2f, 0x1.a2b81p-2f, -0x1.52f4p-3f, -0x1.4b12d6p-3f, 0x1.a71352p-3f, 0x1.8c7ecap-1f,
+    0x1.fcbd7ap-4f, -0x1.4dafcap-4f, 0x1.f8c1bep-5f, -0x1.700ca6p-3f, -0x1.7c2e36p-8f,
+    -0x1.1cca2ap-3f, -0x1.5d5718p-4f, -0x1.4a7adp-6f, -0x1.902448p-4f, -0x1.39a534p-4f,
+    0x1.9a07fep-3f, -0x1.2fedaep-3f, -0x1.0c00b8p-5f, 0x1.22c012p-3f, 0x1.310722p+0f,
+    -0x1.05c46cp-4f, -0x1.31ebe4p-5f, -0x1.cdf03ep-1f, -0x1.18fd94p-1f, -0x1.766f3ap-11f,
+    0x1.3f1788p-8f, -0x1.78d68ap-4f, 0x1.5a7feep-2f, -0x1.517448p-3f, 0x1.15e102p-5f,
+    0x1.33a69ap-2f, -0x1.32c074p-2f, -0x1.a27fap-3f, 0x1.06dc02p-5f, 0x1.0321d8p-7f,
+    -0x1.11d8dap+0f, -0x1.b9c46ap-3f, 0x1.c8c3f2p-2f, 0x1.d0e24ap-2f, 0x1.0c7536p-3f,
+    0x1.520816p-4f, 0x1.43df48p-1f, -0x1.541c46p-6f, -0x1.ef2efp-3f, -0x1.b26d92p-4f,
+    -0x1.298898p-2f, 0x1.2e7fcep-3f, 0x1.39ef52p-2f, -0x1.6b6706p-9f, -0x1.f0ab3ep-6f,
+    0x1.7f20fp-3f, 0x1.08a43p-3f, 0x1.bfba4ap-1f, -0x1.4023dp+0f, -0x1.e382fp-7f, -0x1.5458ap-4f,
+    0x1.148eb6p-1f, 0x1.8311aep-1f, -0x1.16c54p-2f, 0x1.da9e3cp-3f, -0x1.b1cd8cp-1f,
+    -0x1.1ca144p-3f, -0x1.5ea51cp-2f, 0x1.798274p-3f, -0x1.10fb86p-1f, -0x1.b16d94p-1f,
+    0x1.eebc82p-2f, -0x1.6c804ap-2f, -0x1.87b746p-2f, 0x1.617ceap-1f, -0x1.82731ap-2f,
+    -0x1.d2bbd8p-4f, -0x1.b08d0ap-2f, -0x1.7af18cp-2f, 0x1.202924p-3f, -0x1.cbbebcp-3f,
+    0x1.11ae5ep-1f, 0x1.7088aep-1f, 0x1.94c1bap-1f, 0x1.8a32d6p-3f, -0x1.eb4aeep-2f,
+    -0x1.41e1d6p-4f, -0x1.40dbfcp-1f, 0x1.2702dap-3f, 0x1.70999p-4f, 0x1.0f53c4p-1f, 0x1.55e65ap-3f,
+    -0x1.22ff72p-1f, 0x1.3a0c1ap-5f, 0x1.b5b756p-4f, 0x1.27bb54p-4f, 0x1.c2c56cp-3f,
+    -0x1.685e88p-5f, 0x1.4ba594p-3f, 0x1.9eb4ep-3f, -0x1.323ca4p-4f, -0x1.4cc1ecp-3f,
+    -0x1.53a964p-3f, -0x1.c21118p-6f, -0x1.e4005ep-1f, 0x1.0e3cd6p-2f, 0x1.6d29b4p-2f,
+    0x1.82a196p-2f, -0x1.79ba7ep-4f, -0x1.e3219cp-3f, 0x1.7d3de4p-2f, -0x1.b21216p-2f,
+    0x1.39adbp-3f, -0x1.1256eap-1f, -0x1.31d04ap-3f, 0x1.15c1e6p-1f, 0x1.9cc902p-2f, 0x1.378cfp-2f,
+    -0x1.9c06b6p-3f, 0x1.19ec3p-2f, -0x1.38b908p-3f, 0x1.85407p-2f, -0x1.57ebb8p-1f,
+    -0x1.a23b4ap-2f, 0x1.6c4afap-5f, 0x1.0467fp-2f, 0x1.021cc6p-1f, -0x1.0e028cp-3f,
+    -0x1.35aab4p-3f, -0x1.1562d4p-1f, 0x1.0b4a5ap-1f, 0x1.a7df84p-3f, -0x1.50343ep-3f,
+    -0x1.cf02fap-2f, -0x1.4b9e7ap-1f, 0x1.8d2292p-4f, 0x1.ca73ccp-3f, -0x1.3f55a8p-1f,
+    0x1.5bebb4p-1f, -0x1.f4b8fep-2f, 0x1.4df73cp-4f, -0x1.8662cap-2f, -0x1.03187ap-3f,
+    0x1.1103d2p-1f, -0x1.8c65a8p-2f, 0x1.15caa2p-1f, 0x1.d6ac54p-3f, 0x1.0a9518p-2f, 0x1.b3bf3ep-5f,
+    -0x1.62d1ccp-1f, -0x1.e07454p-5f, 0x1.f74b18p-9f, 0x1.2d262ap-3f, 0x1.e77b8ap-3f,
+    0x1.b5a0ecp-3f, -0x1.55b9b4p-7f, -0x1.e18ff4p-5f, -0x1.78f5aep-3f, 0x1.7e0d66p-2f,
+    0x1.515bd8p-1f, 0x1.6045dcp-2f, -0x1.70919ep-7f, 0x1.3778cp-3f, -0x1.834a6ep-3f,
+    -0x1.925d96p-4f, 0x1.67d99ep-3f, -0x1.920ecep-3f, 0x1.fe5b5cp-2f, -0x1.89b884p-3f,
+    0x1.d83bbap-7f, 0x1.bb9e58p-5f, 0x1.357d74p-4f, 0x1.18a6fcp-2f, -0x1.30d648p-2f,
+    -0x1.b13078p-7f, -0x1.0746b2p-1f, 0x1.34363p-5f, -0x1.99bc9ap-2f, -0x1.0a98aep-4f,
+    0x1.b5f12cp-2f, 0x1.8c8248p-2f, 0x1.490272p-3f, -0x1.1811c6p-5f, 0x1.93e5d2p-2f,
+    -0x1.7fb5a4p-4f, 0x1.19dd12p-2f, -0x1.047cf4p-3f, -0x1.2ad6d8p-3f, 0x1.4931fp-3f,
+    0x1.482fe4p-2f, 0x1.173932p-2f, 0x1.8ebeap-3f, -0x1.2ab8fap-5f, -0x1.7e9196p-3f,
+    -0x1.082d1ep-3f, -0x1.246b4ep-4f, 0x1.633c2cp-2f, -0x1.b9fef6p-4f, -0x1.ea7e3ep-3f,
+    0x1.96baf4p-4f, 0x1.664fc4p-2f, -0x1.39d0ecp-2f, 0x1.03b1eep-4f, -0x1.2738f2p-2f,
+    -0x1.2658dap-3f, 0x1.69fd2p-2f, 0x1.1d51ep-9f, 0x1.40e782p-2f, -0x1.7d92f6p-2f, 0x1.75a966p-4f,
+    0x1.14212cp-1f, 0x1.153f14p-4f, 0x1.abf708p-6f, -0x1.cd26b4p-10f, -0x1.d3473ap-3f,
+    -0x1.ba82fp-4f, 0x1.f53af4p-5f, -0x1.a59ed8p-3f, 0x1.aa1f0cp-2f, 0x1.897172p-3f, 0x1.da57dep-2f,
+    -0x1.ca38ecp-2f, -0x1.2106f2p-2f, -0x1.c8b0ap-6f, -0x1.c43d16p-3f, -0x1.b79fcep-2f,
+    -0x1.de0b36p-4f, 0x1.43df38p-5f, -0x1.f4ec3p-2f, 0x1.a45e5p-2f, -0x1.28dbaap-1f, 0x1.3034a6p-2f,
+    0x1.53d5fap-3f, 0x1.115adep-4f, 0x1.350868p-3f, -0x1.6d864cp-3f, -0x1.54eb7cp-2f,
+    0x1.dc8ad6p-4f, 0x1.7339cep-5f, 0x1.a0bfc8p-1f, -0x1.f3056cp-4f, 0x1.067b68p-6f,
+    -0x1.2fd022p-3f, 0x1.bdc0f2p-5f, 0x1.a00d7ep-4f, -0x1.b4bb06p-4f, -0x1.32f9b6p-2f,
+    -0x1.12f2f8p-2f, 0x1.49c732p-2f, -0x1.e551fp-3f, -0x1.d403aap-5f, -0x1.438d06p-4f,
+    0x1.b0c826p-4f, -0x1.d4b1d6p-4f, 0x1.c05d84p-4f, 0x1.5a287ep-3f, -0x1.a7fb3p-5f,
+    -0x1.780b7ap-7f, -0x1.9a7e5cp-5f, -0x1.5e8d98p-2f, -0x1.9c578ap-3f, -0x1.6d641ap-2f,
+    -0x1.9a86b8p-2f, -0x1.4e4ae4p-2f, 0x1.637a5ep-2f, 0x1.846a3ep-1f, -0x1.97f6c4p-4f,
+    -0x1.13ba3cp-4f, 0x1.662c8cp-4f, -0x1.71945p-2f, -0x1.7a799ap-2f, 0x1.5a646cp-3f, 0x1.e34d4p-4f,
+    0x1.2ba78cp-5f, 0x1.01bdd4p-3f, -0x1.d37628p-3f, 0x1.9466dep-5f, 0x1.b7c064p-3f,
+    -0x1.b140dep-3f, 0x1.06642cp-2f, 0x1.3453a6p-1f, 0x1.1ac308p-2f, 0x1.b51c7ap-5f,
+    -0x1.424d2ap-1f, 0x1.cb6ee2p-3f, 0x1.0a484ep-2f, -0x1.dd9626p-4f, -0x1.556164p-2f,
+    -0x1.c7a498p-3f, 0x1.e63e9ep-4f, -0x1.6a6064p-2f, 0x1.3129ecp-6f, 0x1.7f5fc8p-5f,
+    0x1.809e62p-2f, 0x1.0064c4p-3f, 0x1.d8190ap-3f, 0x1.4d10f2p-1f, -0x1.38564p-3f, -0x1.882d16p-1f,
+    -0x1.c0ed66p-3f, 0x1.a8c4a4p-7f, 0x1.12d94cp-3f, -0x1.56289ep-1f, 0x1.a06314p-3f,
+    0x1.510c56p-6f, -0x1.50b9d2p-3f, 0x1.88956ep-2f, -0x1.2cc92p-2f, -0x1.31f02cp-1f,
+    -0x1.06e67cp-1f, 0x1.401f24p-2f, 0x1.1f06e4p-4f, 0x1.53ee0ep-4f, -0x1.80f4cp-1f, 0x1.3a6992p+0f,
+    0x1.8f2b4cp-2f, -0x1.891902p-4f, -0x1.91e774p-3f, -0x1.3d8222p-1f, 0x1.e50052p-7f,
+    0x1.7dcb22p-4f, 0x1.3a4cacp-2f, 0x1.926164p-4f, -0x1.2eff14p-4f, 0x1.4b408p-3f, 0x1.dbba86p-3f,
+    0x1.ad2b8cp-1f, -0x1.642e0cp-2f, -0x1.3a777ep-2f, 0x1.2c0584p-2f, -0x1.43468cp-2f,
+    0x1.8bc2c2p-4f, 0x1.c6d448p-2f, 0x1.0ab592p-1f, 0x1.891f2ep-3f, 0x1.45ee36p-4f, -0x1.fb9c7cp-5f,
+    -0x1.7925f6p-2f, -0x1.ab3d96p-1f, -0x1.d7f8acp-2f, -0x1.be2996p-4f, 0x1.c87462p-2f,
+    0x1.b4a984p-4f, 0x1.0f21dep-1f, 0x1.27388p-2f, -0x1.ed34bap-3f, -0x1.5185a6p-1f, 0x1.46c768p-7f,
+    -0x1.18ac7p-3f, -0x1.e8ca2ep-2f, 0x1.22faaep-2f, 0x1.2a0f5cp-2f, 0x1.ad2cecp-3f,
+    -0x1.99c514p-1f, 0x1.6fb054p-2f, -0x1.24897ep-3f, 0x1.1f507ep-7f, 0x1.6a6246p-3f,
+    -0x1.23b532p-2f, -0x1.b2fae2p-5f, 0x1.02584ap-7f, 0x1.9a357p-2f, 0x1.debcfp-3f, -0x1.2aaea2p-4f,
+    0x1.2132eep-2f, -0x1.b5ae9p-2f, 0x1.bb2942p-3f, 0x1.f24a7cp-9f, -0x1.fc93fp-7f, -0x1.5b7e1cp-3f,
+    -0x1.4fda3ap-2f, 0x1.bc08fcp-2f, -0x1.50fda4p-2f, 0x1.032fcp-1f, -0x1.9de5d8p-2f,
+    0x1.20cc06p-3f, -0x1.3d84c2p-2f, 0x1.4ed2bcp-2f, -0x1.438428p-1f, -0x1.2c0894p-2f,
+    0x1.921e24p-2f, 0x1.8d0c64p-4f, -0x1.575aa4p-2f, -0x1.0b4fd6p-3f, -0x1.6f702ep-4f,
+    -0x1.39773cp-1f, 0x1.e23658p-6f, -0x1.26f802p-2f, -0x1.c5ada2p-2f, -0x1.5df97ep-5f,
+    -0x1.5ad1f8p-2f, 0x1.0c6d0cp-4f, 0x1.143104p-2f, 0x1.81a9bp-2f, 0x1.7230e2p-3f, 0x1.cfb814p-5f,
+    -0x1.2f0e18p-3f, -0x1.f1c8f4p-2f, 0x1.10886ep-2f, 0x1.a72f94p-2f, -0x1.c268f8p-4f,
+    -0x1.f5b06ep-5f, 0x1.55eaf2p-2f, 0x1.744f1cp-2f, 0x1.c002acp-5f, -0x1.372692p-1f, 0x1.a6c8ep-4f,
+    -0x1.182ba4p-4f, 0x1.728d8cp-3f, 0x1.95515p-4f, 0x1.53028p-2f, -0x1.d942d2p-2f, -0x1.ab6d4p-2f,
+    0x1.1b229ep-2f, 0x1.579006p-1f, 0x1.2b4dbp-1f, -0x1.8bd874p-4f, -0x1.63cf28p-2f,
+    -0x1.df5538p-6f, -0x1.96e6bep-4f, -0x1.6d694ep-5f, 0x1.0f71dp-1f, -0x1.892458p-2f,
+    -0x1.4a695ep-3f, 0x1.f33d2cp-3f, 0x1.b21d64p-4f, -0x1.66dd7ep-5f, 0x1.8b550cp-3f,
+    -0x1.b4d0ccp-4f, -0x1.a4ba5ap-2f, -0x1.765f9p-2f, -0x1.6242c8p-3f, 0x1.401f3cp-2f,
+    -0x1.b194fcp-4f, -0x1.51d4b8p-4f, 0x1.81f626p-4f, -0x1.d8629cp-4f, 0x1.47ca04p-3f,
+    0x1.ab4ae8p-5f, -0x1.e146fp-3f, -0x1.15df2cp-3f, -0x1.1bae18p-3f, -0x1.a5a03ep-7f,
+    0x1.cd7364p-4f, 0x1.6877fcp-2f, 0x1.c76fd4p-3f, 0x1.7d7142p-4f, 0x1.508c6p+0f, -0x1.26f45ap-2f,
+    -0x1.c19f98p-6f, 0x1.4e6f94p-2f, -0x1.30e63cp-3f, -0x1.abf3dep-4f, -0x1.6bdae2p-7f,
+    -0x1.7cd0e2p-3f, -0x1.d97bf4p-5f, -0x1.5520dp-9f, 0x1.412636p-4f, -0x1.501082p-3f,
+    0x1.821a1ap-3f, -0x1.d58d2cp-6f, 0x1.bda6b4p-1f, 0x1.c681aap-6f, 0x1.2c0a66p-3f,
+    -0x1.195288p-1f, 0x1.b14f2cp-4f, -0x1.93a8a8p-3f, -0x1.79158ap-3f, 0x1.0f77p-1f, 0x1.a2ba08p-4f,
+    0x1.bfa8bep-3f, 0x1.625452p-2f, 0x1.9ca64ap-6f, 0x1.1c39eap-3f, 0x1.2924d2p-3f, 0x1.595a44p-5f,
+    -0x1.87069p-5f, 0x1.45987p-3f, 0x1.eb39d6p-6f, -0x1.ab8c9cp-4f, 0x1.12a2dap-4f, 0x1.270d48p-2f,
+    -0x1.693462p-2f, -0x1.825ee4p-3f, 0x1.a7473ap-3f, 0x1.a9563p-5f, 0x1.8c350ep-3f, 0x1.01efa8p-3f,
+    -0x1.ee0758p-3f, 0x1.7652dap-10f, 0x1.87756ap-6f, -0x1.f322aap-5f, 0x1.7948d8p-3f,
+    0x1.1c21d6p-4f, -0x1.33fe9p-1f, -0x1.0032d2p-3f, 0x1.168688p-3f, 0x1.384da6p-4f, 0x1.2ab4e8p-4f,
+    -0x1.236288p-3f, 0x1.c8f60cp-3f, -0x1.f7e842p-1f, -0x1.ae52ep-3f, 0x1.0ba7f8p-6f, 0x1.6b648p-5f,
+    0x1.21953p-7f, 0x1.42d48p-2f, 0x1.390d1ap-4f, -0x1.9a09b6p-2f, -0x1.8795a2p-3f, -0x1.76993ap-2f,
+    0x1.3157dep-1f, 0x1.0c8e8ep-2f, 0x1.c8124p-2f, 0x1.d995f4p-9f, -0x1.31e038p-2f, 0x1.3ea73ap-2f,
+    -0x1.f687ccp-4f, -0x1.2e17a2p-2f, -0x1.118d7ep-3f, 0x1.a4d13p-3f, 0x1.0d690ap-5f,
+    -0x1.4ddb46p-2f, 0x1.67b8d4p-2f, -0x1.e3d1ccp-7f, 0x1.e9cc6ep-2f, 0x1.27f444p-3f,
+    -0x1.fb010cp-5f, -0x1.5cfe98p-4f, -0x1.f0188p-3f, -0x1.daa07ap-3f, 0x1.d7ea18p-4f,
+    0x1.6b151p-3f, 0x1.5a1022p-3f, 0x1.369ap-2f, -0x1.f95fb4p-6f, -0x1.3baa6ap-2f, -0x1.a7f252p-4f,
+    -0x1.5c413ep-2f, -0x1.bef594p-8f, -0x1.971a2cp-5f, 0x1.1c0a4cp-1f, -0x1.14ff0ap-3f,
+    0x1.414a9cp-2f, 0x1.6792ap-2f, 0x1.23efd2p-2f, 0x1.564d9ep-4f, -0x1.ad1e7ap-3f, 0x1.0bd434p-1f,
+    -0x1.c4dep-4f, -0x1.e79d04p-6f, 0x1.f6ee54p-5f, -0x1.fe5edep-7f, 0x1.87aabp-3f, 0x1.246c16p-3f,
+    0x1.6e90fcp-5f, 0x1.ce6edcp-5f, -0x1.78b696p-3f, -0x1.ec1c78p-4f, -0x1.0f96ecp-1f,
+    0x1.2cb91ep-4f, -0x1.0a0782p-1f, -0x1.05ec58p-3f, 0x1.037a88p-4f, -0x1.5d12b8p-3f,
+    -0x1.da8efap-2f, 0x1.e4cceep-2f, 0x1.1cf608p-5f, 0x1.b35bdep-4f, -0x1.6056acp-3f,
+    0x1.aad0b2p-3f, -0x1.ab3c56p-5f, -0x1.57c34ep-3f, 0x1.f7b334p-3f, 0x1.f6cd9cp-3f, 0x1.95dc8p-4f,
+    0x1.2be288p-5f, 0x1.1d6402p-3f, -0x1.455c7ep-3f, -0x1.373c58p-3f, 0x1.2b244cp-3f,
+    0x1.a74e66p-6f, 0x1.db60a6p-4f, -0x1.abba54p-4f, -0x1.d6a16ap-3f, -0x1.307268p-1f,
+    0x1.531da4p-3f, -0x1.757f3ep-5f, -0x1.1da3c8p-1f, 0x1.e3f03cp-2f, 0x1.28d89cp-3f,
+    0x1.2e1b54p-3f, -0x1.c61e4ep-6f, 0x1.574f0ap-2f, 0x1.18315ep-2f, -0x1.316842p-3f,
+    0x1.a66f7ap-3f, -0x1.804ee4p-3f, 0x1.1d2dc6p-3f, -0x1.c33e96p-3f, -0x1.48377p-1f,
+    -0x1.0f21d4p-3f, -0x1.671aaep-2f, 0x1.9f3892p-2f, -0x1.f11806p-2f, -0x1.67b5d2p-2f,
+    -0x1.6bcbbap-4f, 0x1.0d7224p-2f, 0x1.8bb2d2p-2f, -0x1.a2f6c8p-3f, 0x1.4e2022p-2f,
+    -0x1.6064b4p-2f, -0x1.08d2bcp-2f, -0x1.c74afcp-5f, -0x1.4d5194p-2f, 0x1.7f8b5ap-3f,
+    -0x1.6505ccp-1f, 0x1.caab3p-3f, 0x1.15e666p-2f, 0x1.99f506p-2f, 0x1.8c292ep-3f, 0x1.afa41ap-4f,
+    0x1.ece864p-1f, -0x1.ff119p-3f, 0x1.4bfc7ap-2f, -0x1.7f5f72p-3f, -0x1.1b8984p-1f,
+    0x1.c2a35cp-4f, 0x1.90bd0ap-2f, 0x1.0a0fbcp-1f, -0x1.fc541p-9f, 0x1.c5a18p-3f, -0x1.67f6ccp-2f,
+    0x1.cd28f8p-1f, -0x1.3c6ffep+0f, -0x1.f49c92p-14f, 0x1.15b278p-2f, 0x1.fc42e4p-4f,
+    0x1.24f674p-3f, 0x1.0070a6p-3f, -0x1.5bf248p-2f, -0x1.86d84cp-2f, -0x1.d09244p-4f,
+    -0x1.20744ep-4f, -0x1.64c85cp-4f, -0x1.58220cp-1f, -0x1.b8664ap-1f, 0x1.488fbap-1f,
+    0x1.8ad912p-3f, -0x1.46bb3cp-3f, 0x1.0b128cp-2f, -0x1.2cc2p-2f, -0x1.0b7cf8p-3f,
+    -0x1.03592ap-2f, -0x1.7abc98p-3f, 0x1.0abf3cp-1f, -0x1.75929ep-2f, 0x1.3f94d2p-1f,
+    0x1.4a9f6cp+0f, 0x1.98dea8p-1f, 0x1.ef7f8cp-3f, -0x1.20099ep-1f, 0x1.7ba3f4p-3f,
+    -0x1.0cfadep-1f, 0x1.a3592ep-3f, 0x1.0ef2dap-2f, 0x1.ad333p-2f, -0x1.b7e604p-5f,
+    -0x1.034eeap-6f, -0x1.cfbd46p-1f, 0x1.9784fcp-2f, 0x1.6c3f5ap-5f, -0x1.165abap-1f,
+    -0x1.37c8ecp-1f, 0x1.a0eabp-5f, 0x1.b311dcp-8f, -0x1.1f4f48p-1f, 0x1.b864c6p-3f,
+    -0x1.a21ff2p-2f, 0x1.bf0dc4p-4f, 0x1.2a5f94p-2f, -0x1.b5c59ap-2f, -0x1.9df204p-2f,
+    -0x1.0b5926p-6f, 0x1.ecd042p-7f, -0x1.b9822ep-4f, -0x1.a55f58p-5f, 0x1.050548p-1f,
+    -0x1.3a581p-3f, -0x1.6a0364p-8f, -0x1.f155dep-4f, 0x1.4a0ddep-2f, 0x1.92e19ep-3f,
+    0x1.1661d8p-2f, -0x1.173b3ep-1f, 0x1.3f2c68p-3f, -0x1.59a2b8p-6f, -0x1.eb603ep-4f,
+    0x1.a6c85p-3f, -0x1.88231ep-3f, 0x1.12da7ep-1f, 0x1.981cacp-5f, 0x1.372f7cp-2f, 0x1.a87bf2p-4f,
+    -0x1.e2eeb8p-3f, 0x1.08b3cep-5f, 0x1.37df12p-3f, 0x1.4077e4p-3f, -0x1.208dfcp-1f,
+    -0x1.40a044p-2f, 0x1.b85cd6p-9f, -0x1.70e3eep-2f, 0x1.2739fcp-3f, 0x1.8f3744p-1f,
+    0x1.d03b34p-5f, 0x1.95b05p-2f, -0x1.0875dap-4f, 0x1.1e49ep-5f, -0x1.90774ap-2f, 0x1.09983p-3f,
+    0x1.3a5f86p-3f, -0x1.07f262p-3f, 0x1.1c6692p-3f, 0x1.706a08p-3f, -0x1.0824fcp-3f,
+    -0x1.f4b532p-3f, -0x1.eab56cp-4f, 0x1.42c6c6p-2f, 0x1.81ec3p-1f, 0x1.f74fe6p-5f,
+    -0x1.6029fcp-2f, -0x1.02650cp-1f, 0x1.5a3a2cp-2f, 0x1.5b9e8cp-6f, -0x1.82103p-4f,
+    -0x1.fe2c3cp-2f, -0x1.a0445ap-2f, 0x1.099b58p-2f, 0x1.e993fcp-5f, 0x1.9ac998p-3f,
+    0x1.3d616cp-2f, -0x1.38227cp-3f, 0x1.d81d6ep-4f, -0x1.43c5c4p-2f, -0x1.951e68p-4f,
+    -0x1.1dd0f6p-1f, 0x1.4c9d94p-4f, -0x1.017ddep-4f, -0x1.17eeecp-3f, 0x1.8ce13p-3f,
+    0x1.f38ce4p-2f, 0x1.1dec92p-7f, -0x1.c2c4f8p-3f, -0x1.9ac57p-3f, -0x1.89227ep-3f,
+    0x1.5fe3c6p-3f, -0x1.1f5722p-3f, 0x1.76501ap-3f, 0x1.55212p-5f, 0x1.e948cep-3f, 0x1.29c6dcp-4f,
+    -0x1.d0177p-2f, 0x1.939bdcp-5f, 0x1.44c7ecp-2f, 0x1.543628p-3f, -0x1.a8e40ep-3f, 0x1.20bd7ap-4f,
+    -0x1.16f51cp-1f, -0x1.04c1d2p-3f, -0x1.3e8a4ap-6f, 0x1.454fbep-4f, 0x1.250d5ep-4f,
+    -0x1.508896p-6f, -0x1.592b1ep-2f, -0x1.f9a18p-3f, -0x1.5f793p-4f, 0x1.33b108p-5f,
+    0x1.84c2eep-2f, 0x1.22b42ap-2f, 0x1.9b6144p-5f, 0x1.405accp-1f, -0x1.05ad5ep-1f, 0x1.563c36p-2f,
+    -0x1.94dacep-2f, 0x1.8a7766p-3f, 0x1.8c15fep-4f, -0x1.e936e2p-3f, -0x1.ed3104p-5f,
+    -0x1.a635fep-2f, 0x1.c86c1ep-4f, -0x1.e4c844p-3f, -0x1.6f2d92p-2f, -0x1.e3a68ap-5f,
+    -0x1.8c5f58p-4f, 0x1.10a324p-4f, -0x1.164dc6p-3f, 0x1.b72366p-2f, -0x1.eb2cf2p-5f,
+    -0x1.9451cep-2f, 0x1.9d04bcp-5f, -0x1.489bdp-2f, 0x1.69a9e6p-5f, 0x1.6e1a1ap-3f, -0x1.a97a3p-2f,
+    0x1.f656acp-4f, -0x1.77c73cp-2f, 0x1.aea9f8p-3f, -0x1.9c3d6p-5f, 0x1.b47352p-1f,
+    -0x1.573b76p-5f, -0x1.2a6648p-2f, -0x1.31a458p-1f, 0x1.8c364p-3f, 0x1.96e442p-2f,
+    -0x1.f7a67ep-4f, 0x1.535b06p-2f, 0x1.764668p-4f, 0x1.2438f2p-1f, 0x1.9be238p-2f,
+    -0x1.509aa8p-4f, -0x1.4cbe4ap-1f, -0x1.862c3ep-2f, 0x1.af53cap-6f, -0x1.19d4fap-1f,
+    0x1.bb275p-2f, -0x1.490ed6p-1f, 0x1.09934ep+0f, 0x1.0f767ep-2f, -0x1.7f42fp-2f, -0x1.90f752p-2f,
+    -0x1.153816p-3f, 0x1.dd5f38p-4f, 0x1.d285e8p-3f, 0x1.f2c3ecp-2f, 0x1.8e18b8p-3f, -0x1.7cbdap-4f,
+    0x1.47fadp-1f, 0x1.e7c692p-2f, 0x1.09dfdp+0f, -0x1.33b1c8p-2f, 0x1.01a364p-3f, 0x1.9c581cp-2f,
+    -0x1.37ceacp-2f, 0x1.a8c4ep-3f, 0x1.ba3a6ep-3f, 0x1.a54ep-4f, 0x1.4c088cp-3f, -0x1.53c456p-3f,
+    0x1.1244a6p-1f, -0x1.5cffd4p-2f, -0x1.4cdb8ap+0f, -0x1.940892p-2f, 0x1.36b86ap-4f,
+    0x1.a853bap-1f, 0x1.5057c8p-6f, 0x1.bd96c2p-3f, -0x1.fd54bap-5f, -0x1.d5f83ep-4f,
+    -0x1.62690ep-1f, 0x1.b0ea0ep-3f, 0x1.489444p-5f, 0x1.c51ecep-4f, -0x1.b718ep-4f, 0x1.cd021ap-4f,
+    0x1.a6e882p-3f, -0x1.c709acp-3f, -0x1.703fb6p-3f, 0x1.a351p-4f, 0x1.60ac82p-4f, 0x1.e682b6p-3f,
+    0x1.d479cep-4f, -0x1.82512ep-3f, -0x1.6abd56p-4f, -0x1.cd1754p-2f, -0x1.3b52a8p-3f,
+    -0x1.c53b3p-6f, -0x1.e914d2p-5f, -0x1.793ac2p-4f, -0x1.6f716ap-4f, -0x1.f9452ap-3f,
+    0x1.478566p-3f, -0x1.4643fap-4f, -0x1.d7d084p-5f, 0x1.db1a5ep-4f, 0x1.f2344ep-5f,
+    -0x1.264024p-4f, -0x1.0b59d4p-2f, 0x1.e48156p-3f, 0x1.051794p-6f, -0x1.e067ap-4f,
+    0x1.0cd7bep-3f, -0x1.29af48p-1f, 0x1.cd1384p-6f, 0x1.b466dep-4f, -0x1.04260ep-3f,
+    -0x1.48d4f4p-5f, 0x1.91a844p-2f, -0x1.b7bb5p-4f, 0x1.5dd0e4p-4f, -0x1.f76abcp-7f, 0x1.0f2a9p-5f,
+    -0x1.15fa98p-3f, 0x1.cbaf3p-5f, -0x1.cbf53ap-4f, 0x1.056bb8p-3f, -0x1.81648ap-6f,
+    0x1.0dee44p-2f, -0x1.a0d0dcp-4f, 0x1.04fc24p-4f, 0x1.287b72p-3f, 0x1.36c9b8p-2f, 0x1.86b942p-3f,
+    0x1.43c798p-3f, -0x1.85868cp-4f, -0x1.686caap-3f, 0x1.13a1cp-2f, -0x1.18cd56p-4f,
+    -0x1.1ac992p-4f, -0x1.f3432cp-4f, -0x1.0a300cp-4f, -0x1.1f1f6p-1f, 0x1.1c1aaap-3f,
+    -0x1.e319f4p-7f, -0x1.c735eap-5f, -0x1.0c6a86p-3f};
+
+/* The memory of a policy: npend_policy_reset begins an episode */
+typedef struct {
+    int begun, newest;
+    float frames[NPEND_INPUTS], action[NPEND_JOINTS];
+} npend_policy;
+
+static inline float npend_clip(float x, float limit)
+{
+    return x > limit ? limit : x < -limit ? -limit : x;
+}
+
+/* Return tanh x within 2 ulp; polynomials of S. Moshier's Cephes. */
+static inline float npend_tanh(float x)
+{
+    /* of (tanh x - x) / x^3 in x^2, and of (e^z - 1 - z) / z^2 in z */
+    static const float terms[2][6] = {
+        {0.0f, -5.70498872745e-3f, 2.06390887954e-2f, -5.37397155531e-2f, 1.33314422036e-1f,
+            -3.33332819422e-1f},
+        {1.9875691500e-4f, 1.3981999507e-3f, 8.3334519073e-3f, 4.1665795894e-2f,
+            1.6666665459e-1f, 5.0000001201e-1f}};
+    const float size = x < -x ? -x : x;
+    const float *term = terms[0];
+    float z = x * x, sum = 0.0f;
+    int k = -1, i;
+    if (size >= 0.625f) { /* 2 |x| = k ln 2 + z; from |x| = 9.1 on the result is 1 */
+        z = 2.0f * (size < 9.1f ? size : 9.1f);
+        k = (int)(z * 1.44269504f + 0.5f);
+        z = z - (float)k * 0.693359375f + (float)k * 2.12194440e-4f;
+        term = terms[1];
+    }
+    for (i = 0; i < 6; i++)
+        sum = sum * z + term[i];
+    if (k < 0) /* NaN, too */
+        return x + x * z * sum;
+    /* 1 - 2 / (e^(2 |x|) + 1) */
+    sum = 1.0f - 2.0f / ((sum * z * z + z + 1.0f) * (float)(1L << k) + 1.0f);
+    return x < 0.0f ? -sum : sum;
+}
+
+/* Sine and cosine for |x| < 1e6, polynomials of fdlibm (Sun Microsystems, 1993). */
+static inline void npend_sincos(double x, float *sine, float *cosine)
+{
+    static const double terms[6][2] = {
+        {1.58969099521155010221e-10, -1.13596475577881948265e-11},
+        {-2.50507602534068634195e-08, 2.08757232129817482790e-09},
+        {2.75573137070700676789e-06, -2.75573143513906633035e-07},
+        {-1.98412698298579493134e-04, 2.48015872894767294178e-05},
+        {8.33333333332248946124e-03, -1.38888888888741095749e-03},
+        {-1.66666666666666324348e-01, 4.16666666666666019037e-02}};
+    /* x = q pi/2 + y with |y| <= pi/4; 33 bits of pi/2 times q are exact */
+    const double turns = x * 6.36619772367581382433e-01;
+    const long q = turns > -1e6 && turns < 1e6 ? (long)(turns + (x < 0.0 ? -0.5 : 0.5)) : 0;
+    const double y = (x - (double)q * 1.57079632673412561417e+00)
+        - (double)q * 6.07710050650619224932e-11;
+    const double z = y * y;
+    const unsigned quadrant = (unsigned)q;
+    double s = 0.0, c = 0.0;
+    float along, across;
+    int i;
+    for (i = 0; i < 6; i++)
+        s = s * z + terms[i][0], c = c * z + terms[i][1];
+    s = y + y * z * s;
+    c = 1.0 - 0.5 * z + z * z * c;
+    along = (float)(quadrant & 1u ? c : s), across = (float)(quadrant & 1u ? s : c);
+    *sine = quadrant & 2u ? -along : along;
+    *cosine = (quadrant + 1u) & 2u ? -across : across;
+}
+
+/* Return an angle without whole turns, in [-pi, pi). */
+static inline float npend_wrapped(double x)
+{
+    const double turns = (x + 3.14159265358979312) * 0.159154943091895336;
+    const float angle = (float)(x - 6.28318530717958623 * npend_floor(turns));
+    return angle >= 3.14159274f ? -3.14159274f : angle;
+}
+
+/* Begin an episode: forget what was observed. */
+static inline void npend_policy_reset(npend_policy *state)
+{
+    state->begun = 0;
+}
+
+/* Build the observation of what sensors show.
+ *
+ * theta, omega: NPEND_RODS angles [rad], each less than 1e6 in size, and velocities [rad/s], of
+ *     the rods, or of the joints where NPEND_RELATIVE is 1. 0 hangs, and counter-clockwise is
+ *     positive. omega may be 0 (no pointer) where velocities are not observed.
+ * cart: position [m] and velocity [m/s] of the cart; 0 (no pointer) without one.
+ * goal: NPEND_RODS angles [rad] to be reached; 0 in tasks without.
+ * observation: NPEND_OBSERVED numbers are written.
+ */
+static inline void npend_policy_observe(const double *theta, const double *omega,
+    const double *cart, const double *goal, float *observation)
+{
+    double angle = 0.0, speed = 0.0;
+    float *next = observation + (NPEND_SINES ? 2 : 1) * NPEND_RODS, unused;
+    int i;
+    for (i = 0; i < NPEND_RODS; i++) {
+        angle = NPEND_RELATIVE ? angle + theta[i] : theta[i];
+        if (NPEND_SINES)
+            npend_sincos(angle, observation + i, observation + NPEND_RODS + i);
+        else
+            observation[i] = npend_wrapped(angle);
+        if (!NPEND_VELOCITIES)
+            continue;
+        speed = NPEND_RELATIVE ? speed + omega[i] : omega[i];
+        *next++ = (float)npend_within(speed, 0x1.e848p+19);
+    }
+    if (NPEND_CART)
+        *next++ = (float)npend_within(cart[0] / 0x1p+0, 0x1p+1);
+    if (NPEND_CART && NPEND_VELOCITIES)
+        *next++ = (float)npend_within(cart[1] * 0x0p+0, 0x1p+1);
+    for (i = 0; i < (NPEND_GOALS ? NPEND_RODS : 0); i++)
+        npend_sincos(goal[i], &unused, next++);
+}
+
+/* Write the actions within [-1, 1] for an observation, once every NPEND_DT. */
+static inline void npend_policy_act(npend_policy *state, const float *observation, float *action)
+{
+    const float *number = npend_numbers;
+    float signal[NPEND_WIDEST], sum[NPEND_WIDEST];
+    int k, i, layer, frame, seen = 0;
+    if (NPEND_INPUTS > NPEND_OBSERVED) { /* a memory: a ring, seen by the network from the newest on */
+        state->newest = state->begun && state->newest > 0 ? state->newest - 1 : NPEND_FRAMES - 1;
+        for (frame = 0; frame < (state->begun ? 1 : NPEND_FRAMES); frame++) {
+            float *entry = state->frames + (state->newest + frame) % NPEND_FRAMES * NPEND_ENTRIES;
+            for (k = 0; k < NPEND_OBSERVED; k++)
+                entry[k] = observation[k];
+            for (k = 0; k < NPEND_REMEMBERED; k++)
+                entry[NPEND_OBSERVED + k] = state->begun ? state->action[k] : 0.0f;
+        }
+        state->begun = 1;
+        observation = state->frames;
+        seen = state->newest * NPEND_ENTRIES;
+    }
+    for (k = 0; k < NPEND_INPUTS; k++, seen = seen + 1 < NPEND_INPUTS ? seen + 1 : 0)
+        signal[k] = observation[seen] / npend_scale[k];
+    for (layer = 0; layer < NPEND_LAYERS; layer++) {
+        const int inputs = npend_sizes[layer], outputs = npend_sizes[layer + 1];
+        for (i = 0; i < outputs; i++)
+            sum[i] = *number++;
+        for (k = 0; k < inputs; k++)
+            for (i = 0; i < outputs; i++)
+                sum[i] += *number++ * signal[k];
+        for (i = 0; i < outputs; i++)
+            signal[i] = npend_tanh(sum[i]);
+    }
+    for (k = 0; k < NPEND_JOINTS; k++)
+        action[k] = signal[k];
+    for (k = 0; k < NPEND_REMEMBERED; k++)
+        state->action[k] = signal[k];
+}
+
+/* Write the torques [N m] at the joints, and the force [N] on a cart, of actions. */
+static inline void npend_policy_torque(const float *action, double *torque)
+{
+    int k;
+    for (k = 0; k < NPEND_JOINTS; k++)
+        torque[k] = npend_limits[k] * (double)action[k];
+}
+
+#endif
