@@ -14,6 +14,7 @@ from scripts import run_python
 from npend_gym import __version__
 from npend_gym.cli import main
 from npend_gym.cli.examples import folder
+from npend_gym.rl import pretrained_names
 
 tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML by itself")
 yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
@@ -49,6 +50,19 @@ def test_the_citation_says_what_the_package_says_of_itself():
     assert CITATION["license"] == PROJECT["license"]
     assert CITATION.get("repository-code", "") == REPOSITORY
     assert [one["name"] for one in CITATION["authors"]] == [a["name"] for a in PROJECT["authors"]]
+
+
+def test_pages_say_how_many_rods_the_policies_swing_up():
+    counted = "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"
+    found = [re.fullmatch(r"swingup-(\d+)(-cart)?", name) for name in pretrained_names()]
+    at_pivot, on_cart = (
+        counted[max(int(each[1]) for each in found if each and bool(each[2]) == cart)]
+        for cart in (False, True)
+    )
+    said = f"policies that swing up {at_pivot} rods at a pivot or {on_cart} on a cart"
+    assert said in " ".join(CITATION["abstract"].split())
+    page = (ROOT / "docs" / "tasks" / "swing_up.md").read_text("utf-8")
+    assert f"networks for three to {at_pivot} imitate a planner" in " ".join(page.split())
 
 
 def test_one_setting_has_the_address_and_the_citation_repeats_it():

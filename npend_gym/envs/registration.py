@@ -17,6 +17,8 @@ class Task(NamedTuple):
     reward_threshold: float | None = None
     """Mean return of an episode for which the task counts as solved, with the default keywords.
 
+    The `spec` of an environment has None where others make another task of it.
+
     Over 100 episodes each, the best policy or controller of the package lies above it, by less than
     a tenth. The mean return of random actions lies below a quarter of it.
     """
