@@ -248,7 +248,9 @@ def test_dqn_of_stable_baselines3_trains_on_discrete_torques():
 @pytest.mark.parametrize(("n", "dt"), [(1, 20), (2, 20), (2, 5.0), (5, 10)])
 def test_a_step_in_milliseconds_is_refused_where_motors_act(n, dt):
     most = np.pi * np.sqrt(n / 9.81)  # half the period of a pendulum as long as the chain
-    with pytest.raises(ValueError, match=rf"dt must be at most {most:.3g} s.* are {dt / 1000:g} s"):
-        gym.make("NPendulum-v0", n=n, dt=dt)
+    for name in ("dt", "motor_lag"):
+        rule = rf"{name} must be at most {most:.3g} s.* are {dt / 1000:g} s"
+        with pytest.raises(ValueError, match=rule):
+            gym.make("NPendulum-v0", n=n, **{name: dt})
     assert gym.make("NPendulum-v0", n=n, dt=0.99 * most).unwrapped.config.dt == 0.99 * most
     assert gym.make("NPendulum-v0", n=n, mode="passive", dt=dt).unwrapped.config.dt == dt

@@ -434,3 +434,21 @@ def test_old_keywords_of_the_scores_name_the_new_place(name):
     for old, place in places.items():
         with pytest.raises(TypeError, match=f"{name} takes no keyword '{old}': it is .*{place}"):
             getattr(rl, name)(None, {}, **{old: None})
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda _: observation_of("npend/SwingUp-v1", 0.0, 0.0), "config must be the settings of"),
+        (lambda _: evaluate("swingup-1", {"n": 1}), "got 'swingup-1': Policy.pretrained or"),
+        (
+            lambda policy: rl.write_repository("a", policy, "me/a"),
+            "must be a Policy, got 'a'",
+        ),
+    ],
+)
+def test_what_is_given_for_a_policy_or_its_settings_is_named(call, message):
+    if "Policy, got" in message:
+        pytest.importorskip("huggingface_hub")
+    with pytest.raises(TypeError, match=message):
+        call(Policy.pretrained("swingup-1"))

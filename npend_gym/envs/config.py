@@ -128,7 +128,8 @@ class EnvConfig(Settings):
             )
         substeps, max_rotation = _substeps(given["substeps"], given["dt"], random, given)
         if joints:
-            _check_dt(given["dt"], chain)
+            for name, seconds in (("dt", given["dt"]), ("motor_lag", largest["motor_lag"])):
+                _check_seconds(name, seconds, chain)
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
         used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
         vars(self).update(used | {
@@ -271,15 +272,15 @@ def task_numbers(config: EnvConfig, judge: int, max_steps: int | None) -> FloatA
     return np.array([task[name] for name in Task._fields], np.float64)
 
 
-def _check_dt(dt: float, chain: Chain) -> None:
-    """Raise a ValueError for a step in which motors miss a swing: it may be in milliseconds."""
-    if dt >= 1.0 and chain.gravity > 0.0:
+def _check_seconds(name: str, seconds: float, chain: Chain) -> None:
+    """Raise a ValueError for a time in which motors miss a swing: it may be in milliseconds."""
+    if seconds >= 1.0 and chain.gravity > 0.0:
         most = math.pi * math.sqrt(chain.total_length / chain.gravity)
-        if dt > most:
+        if seconds > most:
             raise ValueError(
-                f"dt must be at most {most:.3g} s, half the period of a pendulum of the chain's "
-                f"length, so that motors act twice in a swing; got {dt:g} s: {dt:g} ms are "
-                f"{dt / 1000.0:g} s"
+                f"{name} must be at most {most:.3g} s, half the period of a pendulum of the "
+                "chain's length, so that motors act twice in a swing; "
+                f"got {seconds:g} s: {seconds:g} ms are {seconds / 1000.0:g} s"
             )
 
 

@@ -82,8 +82,8 @@ def kind_shown(observation: Any) -> str | None:
 
     None for every other array, such as a copy.
     """
-    given: Any = observation
-    for env in (each() for each in [*_live] if isinstance(given, np.ndarray)):
+    given: Any = np.asarray(observation)
+    for env in (each() for each in [*_live]):
         if env is not None and np.may_share_memory(env.shown, given):
             return env.config.observation
     return None

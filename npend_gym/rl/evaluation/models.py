@@ -54,10 +54,11 @@ def as_controller(
             raise _not_random(model)
         acting = Network(model) if _is_network(model) else model
         if not (callable(acting) and _takes(acting, 2)):
+            named = ": Policy.pretrained or Policy.load reads one" if isinstance(model, str) else ""
             raise TypeError(
                 "model must be callable as model(observation, info), be a module of PyTorch from "
                 "observations to actions, or have the method predict of Stable-Baselines3; got "
-                f"{_checks.show(model)}"
+                f"{_checks.show(model)}{named}"
             )
         return Behind(acting, wrappers) if wrappers else acting
     if wrappers:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from npend_gym import _checks
@@ -104,9 +103,11 @@ def write_repository(
     ['README.md', 'policy.safetensors']
     """
     hub = require("huggingface_hub", "hub", "model cards")
+    if not isinstance(policy, Policy):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"policy must be a Policy, got {_checks.show(policy)}")
     if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"name must be a text, got {_checks.show(name)}")
-    folder = Path(folder)
+    folder = _checks.path("folder", folder)
     folder.mkdir(parents=True, exist_ok=True)  # fails before the episodes, which take long
     found = evaluate(policy, policy.env, episodes=episodes, seed=seed)
     policy.save(folder / POLICY_FILE)

@@ -48,7 +48,7 @@ def observation_of(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If a shape is wrong or a number not finite; if the goal is missing; if a cart or a goal is
         given that the environment has not; or if it observes its context.
 
@@ -60,6 +60,11 @@ def observation_of(
     >>> observation_of(config, [0.0, 0.0], [1.0, 2.0]).tolist()
     [0.0, 0.0, 1.0, 1.0, 1.0, 2.0]
     """
+    if not isinstance(config, EnvConfig):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(
+            "config must be the settings of an environment, policy.config, env.unwrapped.config or "
+            f"EnvConfig(...); got {_checks.show(config)}"
+        )
     if config.observe_context:
         raise ValueError("observe_context must be False, because sensors do not measure it")
     angles, speeds = _rows("theta", theta, config.n), _rows("omega", omega, config.n)
