@@ -74,7 +74,7 @@ class PlainSpec:
         vars(env)["spec"] = spec
 
 
-_live: list[ref[Session]] = []  # all environments; its methods hold the GIL
+_live: list[ref[Session]] = []  # all environments; threads may append and remove
 
 
 def kind_shown(observation: Any) -> str | None:
