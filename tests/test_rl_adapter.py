@@ -590,7 +590,30 @@ def test_other_networks_of_layers_become_policies_too(algorithm):
     assert policy.env == {"n": 2, "mode": "balance", "observation": "scaled", "max_torque": 7.0}
 
 
+@pytest.mark.parametrize(
+    ("kind", "arguments"),
+    [
+        ("MlpPolicy", {}),
+        ("MlpPolicy", {"net_arch": [24], "with_bias": False, "squash_output": False}),
+        ("LinearPolicy", {}),
+        ("LinearPolicy", {"with_bias": True, "squash_output": True}),
+    ],
+)
+def test_policies_of_ars_with_and_without_biases_become_policies_too(kind, arguments):
+    contrib, torch = pytest.importorskip("sb3_contrib"), pytest.importorskip("torch")
+    env = gym.make("npend/SwingUp-v1", n=1)
+    model = contrib.ARS(kind, env, policy_kwargs=arguments, device="cpu", seed=1)
+    with torch.no_grad():  # linear ones begin with zeros
+        for weights in model.policy.parameters():
+            weights.add_(0.3 * torch.randn(weights.shape, generator=torch.manual_seed(2)))
+    policy, seen = rl.Policy.from_sb3(model), random_observations(model)
+    expected = model.predict(seen, deterministic=True)[0]
+    np.testing.assert_allclose(policy(seen), expected, rtol=1e-5, atol=2e-6)
+    assert 0.01 < np.abs(expected).mean() < 0.999
+
+
 def test_a_model_that_is_no_network_of_layers_is_refused_with_the_way_out():
+    from sb3_contrib import ARS
     from stable_baselines3 import DQN, PPO
     from torch import nn
 
@@ -601,6 +624,7 @@ def test_a_model_that_is_no_network_of_layers_is_refused_with_the_way_out():
         "RecurrentPPO with an LSTM": trained("RecurrentPPO"),
         "PPO with Linear, ELU": smooth,
         "DQN with discrete actions": DQN("MlpPolicy", discrete, device="cpu"),
+        "ARS with discrete actions": ARS("MlpPolicy", discrete, device="cpu"),
         "VecNormalize alone, got VecFrameStack": trained("PPO", stack=2),
     }
     for text, model in refused.items():

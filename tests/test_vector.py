@@ -4,6 +4,7 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, make_vec, run
 from test_env_links import CHAIN
@@ -226,6 +227,28 @@ def test_gymnasiums_worker_processes_can_run_it(context):
     for a, b in zip(run(env, actions), run(reference, actions), strict=True):
         assert_same(a[0], b[0])
     env.close()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_the_spec_of_a_vector_environment_survives_json_with_every_autoreset_mode(mode):
+    envs = gym.make_vec("npend/Balance-v1", num_envs=3, n=1, autoreset_mode=mode)
+    again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
+    assert again.metadata["autoreset_mode"] is mode
+    assert again.num_envs == 3
+    assert_same(again.reset(seed=1), envs.reset(seed=1))
+
+
+def test_call_renders_as_gymnasiums_own_vector_environments_do():
+    keywords = {"n": 2, "render_mode": "rgb_array", "render_size": 60}
+    envs = [
+        gym.make_vec("npend/SwingUp-v1", num_envs=2, vectorization_mode=mode, **keywords)
+        for mode in ("vector_entry_point", "sync")
+    ]
+    for each in envs:
+        each.reset(seed=4)
+    assert_same(*(each.call("render") for each in envs))
+    with pytest.raises(ValueError, match=r"name must be \"render\", got 'reset'.*get_state"):
+        envs[0].call("reset")
 
 
 def test_any_sequence_of_seeds_has_one_for_each_lane():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from enum import Enum
 from pathlib import Path
 from typing import Any, cast
 
@@ -80,7 +81,7 @@ def preset_name(chain: Chain) -> str | None:
 
 
 def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keywords that JSON can hold: chains and their files as dicts, arrays as lists.
+    """Return keywords that JSON can hold: chains as dicts, arrays as lists, enumerations as names.
 
     Examples
     --------
@@ -101,6 +102,8 @@ def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
             return [plain(one, name) for one in cast("list[Any]", value)]
         if isinstance(value, (np.ndarray, np.generic)):
             return plain(value.tolist(), name)
+        if isinstance(value, Enum):
+            return value.name
         # JSON has no infinity: `Chain.as_dict` writes None, too
         return None if name == "gear" and value in (math.inf, -math.inf) else value
 

@@ -209,6 +209,18 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         """
         return self.camera.render(self, self._episodes, self._calls)
 
+    def call(self, name: str) -> tuple[Any, ...]:
+        """Return a picture of every lane for "render", as `SyncVectorEnv.call` does.
+
+        Some trainers render in this way. Lanes have no other methods of their own.
+        """
+        if name != "render":
+            raise ValueError(
+                f'name must be "render", got {_checks.show(name)}: lanes are one object, so use '
+                "its own methods and attributes, such as get_state and config"
+            )
+        return self.render() or (None,) * self.num_envs
+
     def close_extras(self, **kwargs: Any) -> None:
         """End threads and window."""
         del kwargs

@@ -196,7 +196,7 @@ class SB3VecEnv(VecEnv):
         lanes, bare = self._chosen_lanes(indices)
         if method_name != "compute_reward":  # of goal environments: it has no state
             self._refuse_some(lanes, "method")
-        if hasattr(bare, "call"):
+        if hasattr(bare, "get_attr"):  # a native one may have a `call` for `render` alone
             return list(bare.call(method_name, *method_args, **method_kwargs))
         holder = self.venv if hasattr(self.venv, method_name) else bare
         return [getattr(holder, method_name)(*method_args, **method_kwargs)] * len(lanes)

@@ -102,8 +102,10 @@ def _changes_step(layer: Any) -> bool:
 
 def _in_other_processes(base: Any) -> list[str]:
     """Return the names of the wrappers of an environment in another process, as it prints them."""
-    call = getattr(base, "call", None) or getattr(base, "env_method", None)
-    return re.findall(r"<(\w+)(?=<\w+[< ])", call("__str__")[0]) if call is not None else []
+    if not hasattr(base, "get_attr"):  # the lanes of a native one are no environments
+        return []
+    call = getattr(base, "call", None) or base.env_method
+    return re.findall(r"<(\w+)(?=<\w+[< ])", call("__str__")[0])
 
 
 def is_normalizing(layer: Any) -> bool:

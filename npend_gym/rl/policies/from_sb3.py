@@ -69,22 +69,29 @@ def _network_of(model: Any) -> dict[str, Any]:
         raise _not_layers(name, f"actions from {_checks.show(low)} to {_checks.show(high)}")
     if hasattr(policy, "mlp_extractor"):
         modules: list[Any] = [*policy.mlp_extractor.policy_net, policy.action_net]
+    elif not hasattr(policy, "actor"):  # ARS of sb3-contrib
+        modules = [*getattr(policy, "action_net", ())]
     else:
         last = policy.actor.mu
         one = type(last).__name__ == "Linear"
         modules = [*getattr(policy.actor, "latent_pi", ()), *([last] if one else last)]
     kinds = [type(module).__name__ for module in modules]
-    if policy.squash_output and kinds[-1] == "Tanh":  # TD3's is a layer
+    if policy.squash_output and kinds[-1:] == ["Tanh"]:  # a layer in TD3 and ARS
         modules, kinds = modules[:-1], kinds[:-1]
     linear, between = kinds[::2], set(kinds[1::2])
     if set(linear) != {"Linear"} or kinds[-1] != "Linear" or not between <= set(_ACTIVATIONS):
-        raise _not_layers(name, ", ".join(kinds))
+        raise _not_layers(name, ", ".join(kinds) or type(policy).__name__)
     if len(between) > 1:
         raise _not_layers(name, "two kinds of activations")
-    numbers = [[p.detach().cpu().numpy().copy() for p in m.parameters()] for m in modules[::2]]
+    named = [dict(module.named_parameters()) for module in modules[::2]]
+    numbers = [{k: p.detach().cpu().numpy().copy() for k, p in each.items()} for each in named]
+    weights = [each["weight"] for each in numbers]
     return {
-        "weights": [w for w, _ in numbers],
-        "biases": [b for _, b in numbers],
+        "weights": weights,
+        "biases": [  # layers of ARS may have none
+            each.get("bias", np.zeros(len(weight), np.float32))
+            for each, weight in zip(numbers, weights, strict=True)
+        ],
         "activation": _ACTIVATIONS[between.pop()] if between else "tanh",
         "output": "tanh" if policy.squash_output else "clip",
     }

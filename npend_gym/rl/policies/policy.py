@@ -313,7 +313,7 @@ class Policy:
         Parameters
         ----------
         model
-            PPO, A2C, SAC, TD3, DDPG or TQC, say, with continuous actions and an "MlpPolicy" of
+            PPO, A2C, SAC, TD3, DDPG, TQC or ARS, say, with continuous actions and an "MlpPolicy" of
             linear layers with tanh or ReLU between them.
         env : optional
             As for `evaluate`, its environment; by default that of the model's training.
