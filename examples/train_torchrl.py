@@ -21,6 +21,7 @@ from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDic
 from torchrl.envs import (
     Compose,
     GymWrapper,
+    InitTracker,
     ObservationNorm,
     RewardScaling,
     RewardSum,
@@ -82,6 +83,7 @@ def make_env(settings: Settings) -> TransformedEnv:
             RewardSum(),  # the return of an episode
             RewardScaling(0.0, 1.0 - settings.gamma),  # so that values are of order one
             ObservationNorm(0.0, 1.0 / obs_scale(settings), in_keys=["observation"]),
+            InitTracker(),  # collectors of TorchRL expect it
         ),
     )
 

@@ -8,7 +8,8 @@ import re
 import shutil
 import subprocess
 import sys
-from importlib import import_module
+from contextlib import suppress
+from importlib import import_module, metadata
 from pathlib import Path
 
 import pytest
@@ -242,15 +243,67 @@ def test_a_name_that_a_package_lacks_is_answered_with_where_it_stands():
             getattr(npend_gym.experiments, name)
 
 
+@pytest.fixture(scope="module")
+def pinned():
+    """Return what constraints.txt pins: for each name, how it is written there."""
+    requirements = pytest.importorskip("packaging.requirements")
+    lines = (Path(__file__).parents[1] / "constraints.txt").read_text().splitlines()
+    found = [requirements.Requirement(line) for line in lines if not line.startswith("#")]
+    return {plain_name(each.name): each for each in found}
+
+
+def plain_name(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def installed_as_pinned(pinned, name):
+    """Return the package if it is installed in the pinned version."""
+    with suppress(metadata.PackageNotFoundError):
+        found = metadata.distribution(name)
+        return found if pinned[name].specifier.contains(found.version) else None
+
+
+def test_constraints_pin_all_that_a_pinned_package_needs(pinned):
+    needs, todo, done = {}, {(name, "") for name in pinned}, set()
+    while todo:
+        name, extra = one = todo.pop()
+        done.add(one)
+        package = name in pinned and installed_as_pinned(pinned, name)
+        for text in (package and package.requires) or ():
+            need = type(pinned[name])(text)
+            if need.marker is None or need.marker.evaluate({"extra": extra}):
+                needs.setdefault(plain_name(need.name), []).append((name, need))
+                todo |= {(plain_name(need.name), each) for each in need.extras} - done
+    assert needs  # some are installed
+    assert not {name: users for name, users in needs.items() if name not in pinned}
+    for name, users in needs.items():
+        (pin,) = pinned[name].specifier
+        for user, need in users:
+            assert need.specifier.contains(pin.version, prereleases=True), (user, name)
+
+
+@pytest.mark.long
+def test_dm_control_loads_and_steps_a_task_with_the_mujoco_of_the_constraints(pinned):
+    suite = pytest.importorskip("dm_control.suite")
+    for name in ("dm-control", "mujoco"):
+        if not installed_as_pinned(pinned, name):
+            pytest.skip(f"{name} is installed in another version than constraints.txt has")
+    env = suite.load("acrobot", "swingup", task_kwargs={"random": 0})
+    env.reset()
+    before = env.physics.data.qpos.copy()
+    assert 0.0 <= env.step([1.0]).reward <= 1.0
+    assert abs(env.physics.data.qpos - before).max() > 1e-6
+
+
 def test_the_versions_with_digests_are_those_of_the_constraints():
     root = Path(__file__).parents[1]
     if not (root / ".ci").is_dir():
         pytest.skip("only a clone has .ci")
-    pinned = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
+    pin = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
 
     def versions(path):
-        found = pinned.findall((root / path).read_text())
-        return {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in found}
+        found = pin.findall((root / path).read_text())
+        return {plain_name(name): version for name, version in found}
 
     text = (root / ".ci" / "requirements.txt").read_text()
     assert versions(".ci/requirements.txt") == versions("constraints.txt")

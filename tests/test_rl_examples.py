@@ -584,7 +584,8 @@ def test_a_run_side_by_side_whose_file_cannot_be_whole_leaves_none(
 def test_train_torchrl_writes_a_policy_that_can_be_evaluated(script, tmp_path):
     pytest.importorskip("torchrl")
     arguments = ["swingup-1", "--steps", 8192, "--out", "."]
-    out = run_python("-W", "ignore", EXAMPLES / "train_torchrl.py", *arguments, cwd=tmp_path)
+    only = ("-W", "ignore", "-W", "error::FutureWarning")
+    out = run_python(*only, EXAMPLES / "train_torchrl.py", *arguments, cwd=tmp_path)
     assert "'steps': 8192, 'return': " in out
     policy = Policy.load(tmp_path / "swingup-1.safetensors")
     assert policy.scale.tolist() == [1.0, 1.0, 5.0]
