@@ -238,6 +238,8 @@ def _plan(config: EnvConfig) -> Any:
         return rl.planned_transition(config, stands, stands - np.pi, 15.0, guess="waves")
     if config.n == 3:
         return rl.planned_swing_up(config, 8.0, guess="mpc", tries=2)
+    if config.mode.name == "balance":
+        return rl.planned_transition(config, 0.0, np.pi, guess="waves")
     return rl.planned_swing_up(config)
 
 

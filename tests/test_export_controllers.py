@@ -16,9 +16,9 @@ from npend_gym.cli import main
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Balance
 from npend_gym.export import to_c
-from npend_gym.rl import MPC, lqr, modal_damping, planned_swing_up
+from npend_gym.rl import MPC, lqr, modal_damping, planned_swing_up, state_feedback
 from npend_gym.rl.angles import wrap
-from npend_gym.rl.controllers.regulators import StateFeedback
+from npend_gym.rl.controllers.feedback import StateFeedback
 from npend_gym.rl.controllers.step_model import joined
 
 pytestmark = [
@@ -26,6 +26,7 @@ pytestmark = [
     pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here"),
 ]
 
+OWN = [6.0, -3.0, 2.0, 1.0, 4.0, -5.0]  # N, of a cart with two rods
 # Acts in many states, lane by lane
 DRIVER = """
 #include "policy.h"
@@ -117,17 +118,18 @@ def info_of(states, relative):
 
 
 @pytest.mark.parametrize("relative", [False, True])
-@pytest.mark.parametrize("name", ["balance", "cart", "two motors", "damping"])
+@pytest.mark.parametrize("name", ["balance", "cart", "two motors", "damping", "own gain"])
 def test_feedback_in_c_has_the_torques_of_python_in_100_000_states(name, relative, tmp_path):
     controller = {
         "balance": lambda: lqr(EnvConfig(n=3, mode="balance"), action_weight=100.0),
         "cart": lambda: lqr(EnvConfig(**CART)),
         "two motors": lambda: lqr(two_motors(), np.array([0.0, np.pi])),
         "damping": lambda: modal_damping(EnvConfig(n=4, mode="calm")),
+        "own gain": lambda: state_feedback(EnvConfig(**CART), OWN, 0.4, cart_position=0.3),
     }[name]()
     config, n = controller.config, controller.config.n
     near = np.zeros((100, 1000, config.state_size))
-    near[..., :n] = np.broadcast_to(controller.angle, n)
+    near[:] = controller.rest
     if relative:
         near[..., :n] = np.diff(near[..., :n], axis=-1, prepend=0.0)
     near[..., 0] += 2.0 * np.pi * np.random.default_rng(1).integers(-3, 4, (100, 1000))
@@ -253,8 +255,9 @@ def test_the_header_says_how_a_mode_was_changed(tmp_path):
 
 def test_what_cannot_be_exported_is_refused(tmp_path):
     path = tmp_path / "controller.h"
-    with pytest.raises(TypeError, match="policy must be a Policy, or a controller of lqr"):
-        to_c(MPC(EnvConfig(n=1, mode="balance")), path)
+    for function in (MPC(EnvConfig(n=1, mode="balance")), lambda *_: 0.0):
+        with pytest.raises(TypeError, match=r"policy must be a Policy, .* rl\.state_feedback\(con"):
+            to_c(function, path)
     with pytest.raises(ValueError, match="torque_levels must be left out"):
         to_c(lqr(EnvConfig(n=2, mode="balance", torque_levels=3)), path)
     assert list(tmp_path.iterdir()) == []
@@ -269,7 +272,7 @@ def test_the_command_writes_what_the_function_writes(tmp_path, refusal):
     assert main(options) == 0
     assert written.read_bytes() == expected.read_bytes()
     assert "give either a policy, or --controller" in refusal(*options, "calm-1")
-    to_torch = ["export", "--controller", "LQR", "--to", "torch", "-o", str(tmp_path / "a.pt2")]
+    to_torch = ["export", "--controller", "plan", "--to", "torch", "-o", str(tmp_path / "a.pt2")]
     assert "--controller is for --to c" in refusal(*to_torch)
     of_mpc = ["export", "--controller", "MPC", "--to", "c", "-o", str(written)]
     message = "--controller must be one of LQR, damping, plan; got 'MPC'"

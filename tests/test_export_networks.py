@@ -13,8 +13,8 @@ from test_rl_memory import policy_with_memory
 from npend_gym import __version__, _files
 from npend_gym.cli import main
 from npend_gym.envs import EnvConfig
-from npend_gym.export import to_onnx, to_torch
-from npend_gym.rl import Policy, lqr
+from npend_gym.export import policy_of, to_onnx, to_torch
+from npend_gym.rl import MPC, Policy, observation_of, state_feedback
 
 POLICIES = {
     "calm-10": Policy.pretrained("calm-10"),
@@ -133,7 +133,24 @@ def test_a_file_that_cannot_be_written_is_an_error_that_keeps_the_older_one(
     assert [path.read_text() for path in tmp_path.iterdir()] == ["older"]
 
 
-@pytest.mark.parametrize(("write", "file"), [(to_torch, "lqr.pt2"), (to_onnx, "lqr.onnx")])
-def test_a_controller_is_refused_because_it_is_no_network(write, file, tmp_path):
-    with pytest.raises(TypeError, match=r"policy must be a Policy, got StateFeedback.* to_c"):
-        write(lqr(EnvConfig(n=2, mode="balance")), tmp_path / file)
+@pytest.mark.parametrize(("loaded", "file"), FORMATS)
+def test_the_file_of_a_gain_of_ones_own_is_minus_k_times_the_deviation(loaded, file, tmp_path):
+    config, gain = EnvConfig(n=2, mode="balance"), np.array([-8.0, 5.0, 2.0, -1.0])
+    controller = state_feedback(config, gain)
+    policy = policy_of(controller)
+    rng = np.random.default_rng(0)
+    away = rng.uniform(-3.1, 3.1, (1000, 4))
+    observation = observation_of(policy.config, np.pi + away[:, :2], away[:, 2:])
+    to = {"policy.pt2": to_torch, "policy.onnx": to_onnx}[file]
+    act, about = loaded(policy, tmp_path / file)
+    expected = np.clip(-away @ gain / config.max_torque, -1.0, 1.0)
+    np.testing.assert_allclose(act(observation)[0][:, 0], expected, rtol=0.0, atol=2e-6)
+    assert json.loads(about["provenance"]) == {"controller": "state feedback", "angle": [np.pi] * 2}
+    to(controller, tmp_path / ("own_" + file))
+    assert (tmp_path / ("own_" + file)).stat().st_size == (tmp_path / file).stat().st_size
+
+
+@pytest.mark.parametrize(("write", "file"), [(to_torch, "mpc.pt2"), (to_onnx, "mpc.onnx")])
+def test_a_controller_that_is_no_linear_feedback_is_refused(write, file, tmp_path):
+    with pytest.raises(TypeError, match=r"policy must be a Policy, or what rl\.lqr.* got .*MPC"):
+        write(MPC(EnvConfig(n=2, mode="balance")), tmp_path / file)

@@ -77,7 +77,7 @@ def test_lqr_balances_every_held_out_start(n, keywords):
 
 
 @pytest.mark.parametrize("n", [1, 2])
-@pytest.mark.parametrize("make", [regulators.lqr, regulators.energy_swing_up])
+@pytest.mark.parametrize("make", [regulators.lqr, rl.energy_swing_up])
 def test_motors_that_cannot_stabilise_the_chain_make_no_regulator(make, n):
     with pytest.raises(np.linalg.LinAlgError):
         make(EnvConfig(n=n, max_torque=0.0))
@@ -126,7 +126,7 @@ def test_the_regulators_cost_is_the_cost_of_the_linear_system():
 )
 def test_energy_shaping_swings_up_one_rod_always_and_two_rods_mostly(n, least, base):
     keywords = {"n": n, "mode": "swingup", "base": base}
-    evaluation = evaluate(regulators.energy_swing_up(EnvConfig(**keywords)), keywords, episodes=20)
+    evaluation = evaluate(rl.energy_swing_up(EnvConfig(**keywords)), keywords, episodes=20)
     assert evaluation.success_rate >= least
     assert evaluation.settling_time[evaluation.success].max() <= 50.0
 
@@ -210,7 +210,7 @@ def test_results_and_controllers_can_be_compared_and_found_in_lists():
         lambda: Recovery(ones),
         lambda: Robustness({"model": Outcome(["a", "b", "c"], ones, ones > 0.0)}, {}),
         lambda: regulators.lqr(balance),
-        lambda: regulators.energy_swing_up(balance),
+        lambda: rl.energy_swing_up(balance),
         lambda: PlannedTransition(None, ones, ones, ones, idle, idle, 0.0),
     )
     for make in makers:
@@ -235,8 +235,8 @@ def predictive(config):
 
 
 MOTORS = [{}, {"base": "cart", "actuated": (1,)}, {"actuated": (1,)}]
-MAKERS = [regulators.lqr, regulators.modal_damping, regulators.energy_swing_up, planned, predictive]
-NO_PUMP = regulators.energy_swing_up, MOTORS[2]  # it is refused
+MAKERS = [regulators.lqr, regulators.modal_damping, rl.energy_swing_up, planned, predictive]
+NO_PUMP = rl.energy_swing_up, MOTORS[2]  # it is refused
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain, simulate
+from npend_gym import Cart, Chain, simulate
 from npend_gym.envs import EnvConfig
-from npend_gym.rl import evaluate, planned_swing_up
+from npend_gym.rl import evaluate, planned_swing_up, planned_transition
 from npend_gym.rl.controllers.planning import mpc_motions
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.controllers.step_model import StepModel, state_of
@@ -204,6 +204,63 @@ def test_with_settle_the_chain_is_calmed_before_the_trajectory_begins():
 def test_a_plan_that_is_not_found_is_an_error(env, arguments, error, message):
     with pytest.raises(error, match=message):
         planned_swing_up(EnvConfig(**env, mode="swingup"), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("mode", "way_out"), [("balance", r"lqr\(config\) or MPC"), ("calm", "modal_damping")]
+)
+def test_a_swing_up_in_a_mode_that_begins_elsewhere_is_refused_with_the_way_out(mode, way_out):
+    message = (
+        rf'begin hanging, .* got "{mode}": {way_out}.*planned_transition\(config, 0\.0, np\.pi'
+    )
+    with pytest.raises(ValueError, match=message):
+        planned_swing_up(EnvConfig(n=1, mode=mode))
+
+
+RODS = {"masses": [1.0] * 3, "lengths": [1.0] * 3, "centres": 0.5, "inertias": 1.0 / 12.0}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {"chain": Chain(**RODS)},
+        {
+            "chain": Chain(**RODS, base=Cart(3.0))
+        },  # where no guess of the first kind leads to a plan
+        {"chain": Chain([1.0], [0.8], centres=0.4, inertias=0.05, base=Cart(1.5))},
+    ],
+    ids=["rods", "rods on a cart", "link on a cart"],
+)
+def test_links_swing_up_by_a_plan_without_further_arguments(keywords):
+    keywords = keywords | {"mode": "swingup"}
+    plan = planned_swing_up(EnvConfig(**keywords))
+    assert evaluate(plan, keywords | {"max_episode_steps": 400}, episodes=20).success_rate == 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mode", ["balance", "calm"])
+def test_a_plan_swings_up_in_the_steps_of_any_mode_where_that_takes_longer_too(mode):
+    config = EnvConfig(n=2, mode=mode)
+    plan = planned_transition(config, 0.0, np.pi)
+    assert len(plan.gains) * config.dt >= 6.0
+    states, actions = plan.nominal
+    reached = StepModel(config)(states[:-1], actions)
+    np.testing.assert_allclose(reached, states[1:], atol=1e-6)
+    np.testing.assert_allclose(np.cos(states[-1, :2]), -1.0)
+
+
+def test_without_gravity_a_transition_is_planned_from_random_paths():
+    config = EnvConfig(n=1, mode="transition", gravity=0.0, max_torque=1.0)
+    plan = planned_transition(config, 0.0, np.pi, tries=2)
+    np.testing.assert_allclose(np.cos(plan.nominal.states[-1, 0]), -1.0)
+
+
+def test_a_plan_that_is_not_found_says_what_was_tried_and_the_limits():
+    with pytest.raises(
+        RuntimeError, match=r"no trajectory of 1 s .* more seconds.*limits are \[0\."
+    ):
+        planned_swing_up(EnvConfig(n=1, mode="swingup", max_torque=0.05), 1.0, tries=1)
 
 
 def test_a_guess_that_diverges_leaves_the_others():

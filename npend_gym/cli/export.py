@@ -2,8 +2,9 @@
 
 A policy becomes a C99 header, which needs no library and allocates nothing. It computes torques
 from measured angles and velocities. The controllers LQR, damping and plan become such headers too.
-Files of ONNX and PyTorch have the network, with its memory as a tensor. A chain becomes a model of
-MuJoCo, or a robot in URDF. See docs/howto/export.md and docs/howto/mujoco.md.
+Files of ONNX and PyTorch have the network, with its memory as a tensor; LQR and damping become
+networks there. A chain becomes a model of MuJoCo, or a robot in URDF. See docs/howto/export.md and
+docs/howto/mujoco.md.
 
 Examples
 --------
@@ -65,16 +66,18 @@ def run(
     relative : bool
         Sensors show the angle of each rod relative to the rod above it.
     controller : name, optional
-        A controller in place of a policy, for c: LQR, damping or plan.
+        A controller in place of a policy: LQR, damping or, for c, plan.
     """
     from npend_gym import _checks, export
     from npend_gym._files import replacing
     from npend_gym.chain import as_chain
 
     prepare_file(out, (_SUFFIXES[to],))
-    of_c = {"prefix": prefix, "relative": relative, "controller": controller}
+    of_c = {"prefix": prefix, "relative": relative}
     _refuse([name for name, value in of_c.items() if value not in (None, False)], to, "c")
     _refuse(list(model), to, "mjcf")
+    if to not in ("c", "onnx", "torch") or controller == "plan":
+        _refuse([] if controller is None else ["controller"], to, "c")
     if controller is None and (task is not None or env):
         raise ValueError("--task and --env are for a --controller: a policy has its environment")
     if to in ("mjcf", "urdf"):

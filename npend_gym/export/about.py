@@ -8,8 +8,8 @@ import numpy as np
 
 from npend_gym._version import __version__
 from npend_gym.chain import plain_keywords
+from npend_gym.rl.controllers.feedback import StateFeedback
 from npend_gym.rl.controllers.planning import PlannedTransition
-from npend_gym.rl.controllers.regulators import StateFeedback
 from npend_gym.rl.evaluation.settings import env_of
 from npend_gym.rl.policies.policy import Policy
 
@@ -36,6 +36,8 @@ def described(model: Policy | Feedback) -> dict[str, Any]:
 def _made_by(controller: Feedback) -> dict[str, Any]:
     """Return what a controller is, as the provenance of a policy says how it was trained."""
     if isinstance(controller, StateFeedback):
-        return {"controller": "state feedback", "angle": np.asarray(controller.angle).tolist()}
+        about = {"controller": "state feedback", "angle": np.asarray(controller.angle).tolist()}
+        on_cart = controller.config.has_cart
+        return about | ({"cart_position": controller.cart_position} if on_cart else {})
     seconds = len(controller.gains) * controller.config.dt
     return {"controller": "planned transition", "seconds": seconds, "settle": controller.settle}

@@ -19,9 +19,8 @@ from npend_gym._files import replacing
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import MAX_CART_ENTRY
 from npend_gym.export.about import Feedback, described
+from npend_gym.rl.controllers.feedback import StateFeedback
 from npend_gym.rl.controllers.planning import PlannedTransition
-from npend_gym.rl.controllers.regulators import StateFeedback
-from npend_gym.rl.controllers.step_model import at_rest
 from npend_gym.rl.policies.checks import check_env
 from npend_gym.rl.policies.policy import Policy
 
@@ -44,8 +43,8 @@ def to_c(
     Parameters
     ----------
     policy : Policy or controller
-        Controllers are those of `npend_gym.rl.lqr`, `modal_damping`, `planned_swing_up` and
-        `planned_transition`.
+        Controllers are those of `npend_gym.rl.lqr`, `modal_damping`, `state_feedback` (with a
+        gain of your own), `planned_swing_up` and `planned_transition`.
     path : path-like
         Of the header, such as "policy.h".
     prefix : str
@@ -118,8 +117,9 @@ def _config_of_controller(controller: Any) -> EnvConfig:
     """Return the settings of a controller's environment, checked for what the header computes."""
     if not isinstance(controller, (StateFeedback, PlannedTransition)):
         raise TypeError(
-            "policy must be a Policy, or a controller of lqr, modal_damping, planned_swing_up or "
-            f"planned_transition, got {_checks.show(controller)}"
+            "policy must be a Policy, or a controller of lqr, modal_damping, state_feedback, "
+            f"planned_swing_up or planned_transition, got {_checks.show(controller)}: "
+            "rl.state_feedback(config, K) makes one of a gain of your own"
         )
     config = controller.config
     if config.torque_levels is not None:
@@ -211,8 +211,7 @@ def _of_table(controller: Feedback, config: EnvConfig) -> dict[str, Any]:
 
 def _row_of(held: StateFeedback) -> FloatArray:
     """Return the row of a controller that holds a state, with the actions zero."""
-    rest = at_rest(held.config, held.angle)
-    return np.concatenate([rest, np.zeros(len(held.gain)), held.gain.ravel()])
+    return np.concatenate([held.rest, np.zeros(len(held.gain)), held.gain.ravel()])
 
 
 def _of_hardware(config: EnvConfig) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from npend_gym._extras import require
 from npend_gym._files import replacing
 from npend_gym._version import __version__
 from npend_gym.export.about import described
+from npend_gym.export.feedback import policy_of
+from npend_gym.rl.controllers.feedback import StateFeedback
 from npend_gym.rl.policies.policy import Policy
 
 _OPSET, _IR = 17, 8  # of ONNX 1.12, which every runtime reads
@@ -52,7 +54,7 @@ policy (float[B, $k] observation, float[B, $length, $entries] memory, bool[B] be
 """
 
 
-def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
+def to_onnx(policy: Policy | StateFeedback, path: str | PathLike[str]) -> None:
     """Write a policy as a model of ONNX, for ONNX Runtime and what else reads the format.
 
     Inputs are "observation" (B, k) and, of a policy with memory, "memory" (B, length, k + joints)
@@ -61,14 +63,15 @@ def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
 
     Parameters
     ----------
-    policy : Policy
+    policy : Policy or StateFeedback
+        Linear feedback, such as that of `npend_gym.rl.lqr`, is written as `policy_of` makes it.
     path : path-like
         Such as "policy.onnx".
 
     Raises
     ------
     TypeError
-        If `policy` is no Policy.
+        If `policy` is neither.
     ImportError
         If the extra "export" is not installed.
 
@@ -78,7 +81,7 @@ def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
     >>> from npend_gym.rl import Policy
     >>> to_onnx(Policy.pretrained("swingup-2"), "policy.onnx")
     """
-    _check_policy(policy)
+    policy = _as_policy(policy)
     onnx = require("onnx", "export", "files of ONNX")
     k, joints, length = policy.observed, len(policy.biases[-1]), len(policy.scale)
     text = _WITH_MEMORY if policy.has_memory else _WITHOUT_MEMORY
@@ -98,7 +101,7 @@ def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
         file.write(model.SerializeToString())
 
 
-def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
+def to_torch(policy: Policy | StateFeedback, path: str | PathLike[str]) -> None:
     """Write a policy as a program of PyTorch, which ``torch.export.load`` reads without npend_gym.
 
     ``torch.export.load(path).module()`` maps an observation (B, k) to actions (B, joints). That of
@@ -107,14 +110,15 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
 
     Parameters
     ----------
-    policy : Policy
+    policy : Policy or StateFeedback
+        Linear feedback, such as that of `npend_gym.rl.lqr`, is written as `policy_of` makes it.
     path : path-like
         Must end in ".pt2".
 
     Raises
     ------
     TypeError
-        If `policy` is no Policy.
+        If `policy` is neither.
     ImportError
         If PyTorch is not installed.
     ValueError
@@ -126,7 +130,7 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
     >>> from npend_gym.rl import Policy
     >>> to_torch(Policy.pretrained("swingup-2"), "policy.pt2")
     """
-    _check_policy(policy)
+    policy = _as_policy(policy)
     torch = require("torch", "rl", "programs of PyTorch")
     if Path(path).suffix != ".pt2":
         raise ValueError(f"path must end in .pt2, got {path}")
@@ -143,12 +147,16 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
         file.write(content.getbuffer())
 
 
-def _check_policy(policy: Any) -> None:
-    """Raise a TypeError for what is no network."""
+def _as_policy(policy: Any) -> Policy:
+    """Return the network of a policy, or of linear feedback."""
+    if isinstance(policy, StateFeedback):
+        return policy_of(policy)
     if not isinstance(policy, Policy):
         raise TypeError(
-            f"policy must be a Policy, got {_checks.show(policy)}; to_c writes controllers as well"
+            "policy must be a Policy, or what rl.lqr, modal_damping or state_feedback returns, got "
+            f"{_checks.show(policy)}; to_c writes plans as well"
         )
+    return policy
 
 
 def _texts(policy: Policy) -> dict[str, str]:

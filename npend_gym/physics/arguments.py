@@ -6,6 +6,7 @@ import inspect
 import math
 import warnings
 from collections.abc import Iterable, Sequence
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,11 @@ def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
 def checked_joints(joints: Iterable[int], n: int) -> list[int]:
     """Return joints of a chain of n rods, refused where one is named twice."""
     named = _checks.listed("joints", joints, "(0,)")
+    if any(isinstance(j, Integral) and j == n for j in named):
+        raise ValueError(
+            f"joints must be between 0 and {n - 1}, got {_checks.show(named)}: {n} would be the "
+            "force on a cart, which this chain lacks, or which is an argument of its own, force"
+        )
     listed = [_checks.count("joint", j, low=0, high=n - 1) for j in named]
     if len(set(listed)) != len(listed):
         raise ValueError(f"joints must name each joint once, got {_checks.show(listed)}")
@@ -122,9 +128,14 @@ def checked_joints(joints: Iterable[int], n: int) -> list[int]:
 
 
 def check_inputs(chain: Chain, joints: Iterable[int]) -> list[int]:
-    """Return where the torques on `joints` stand among the loads, then the force on a cart."""
-    wanted = checked_joints(joints, chain.n)
-    return wanted if chain.base is None else [*wanted, chain.n]
+    """Return where the inputs stand among the loads: `joints`, and the force on a cart.
+
+    That is number n, as in the settings of an environment. It is last where `joints` lacks it.
+    """
+    if chain.base is None:
+        return checked_joints(joints, chain.n)
+    wanted = checked_joints(joints, chain.n + 1)
+    return wanted if chain.n in wanted else [*wanted, chain.n]
 
 
 def check_limits(theta: FloatArray, omega: FloatArray) -> None:

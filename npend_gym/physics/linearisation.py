@@ -93,8 +93,8 @@ def linearise(
     chain, theta, omega, torque, **more
         As for `jacobian`, whose columns these are.
     joints : sequence of int
-        Joints whose torques are the inputs; B has a column for each, then one for the force on a
-        cart.
+        Joints whose torques are the inputs; B has a column for each. On a cart n is the force on
+        it, as in `EnvConfig.joints`. Its column is last if n is left out.
 
     Returns
     -------
@@ -162,8 +162,8 @@ def step_jacobian(
         The step, as `Ensemble.advance` takes it: a Runge-Kutta step for each substep, by default as
         many as resolve the motion.
     joints : sequence of int
-        Joints whose torques are the inputs; B has a column for each, then one for the force on a
-        cart.
+        Joints whose torques are the inputs; B has a column for each. On a cart n is the force on
+        it, as in `EnvConfig.joints`. Its column is last if n is left out.
 
     Returns
     -------

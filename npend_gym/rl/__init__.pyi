@@ -1,9 +1,10 @@
 from npend_gym.rl.adapter import SB3VecEnv as SB3VecEnv
+from npend_gym.rl.controllers.energy_shaping import energy_swing_up as energy_swing_up
+from npend_gym.rl.controllers.feedback import state_feedback as state_feedback
 from npend_gym.rl.controllers.mpc import MPC as MPC
 from npend_gym.rl.controllers.planning import PlannedTransition as PlannedTransition
 from npend_gym.rl.controllers.planning import planned_swing_up as planned_swing_up
 from npend_gym.rl.controllers.planning import planned_transition as planned_transition
-from npend_gym.rl.controllers.regulators import energy_swing_up as energy_swing_up
 from npend_gym.rl.controllers.regulators import lqr as lqr
 from npend_gym.rl.controllers.regulators import modal_damping as modal_damping
 from npend_gym.rl.controllers.transitions import PlannedTransitions as PlannedTransitions

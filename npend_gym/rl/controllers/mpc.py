@@ -18,6 +18,7 @@ from npend_gym.rl.controllers.step_model import (
     at_rest,
     beyond,
     check_config,
+    checked_place,
     env_actions,
     state_of,
     wrapped,
@@ -56,6 +57,8 @@ class MPC:
         last state is multiplied by `last_weight`.
     seed : int
         Seed of the actions from which the first plan begins.
+    cart_position : float
+        Where a cart is to stand [m].
 
     Attributes
     ----------
@@ -96,6 +99,7 @@ class MPC:
         action_weight: float = 0.1,
         last_weight: float = 10.0,
         seed: int = 0,
+        cart_position: float = 0.0,
     ) -> None:
         check_config(config)
         self.iterations: int = _checks.count("iterations", iterations)
@@ -108,7 +112,7 @@ class MPC:
         goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
         weight = _checks.positive_number("action_weight", action_weight)
         last = _checks.positive_number("last_weight", last_weight)
-        self._goal = at_rest(config, goal)
+        self._goal = at_rest(config, goal, checked_place(config, cart_position))
         self._ilqr = ILQR(Cost(config, self._goal, weight, last))
         self._gain = np.zeros((config.joints.size, config.state_size))
         with suppress(np.linalg.LinAlgError):  # no feedback stabilises this goal
@@ -159,7 +163,7 @@ class MPC:
         del lanes
         away = states - self._goal
         about = self._goal + away - wrapped(self._config, away)
-        about[:, self._config.n :] = 0.0
+        about[:, self._config.n :] = self._goal[self._config.n :]
         guesses = (self._guess, 0.0 * self._gain), (0.0 * self._guess, self._gain)
         begun = [self._ilqr.begin(states, actions, about, k) for actions, k in guesses]
         return _cheapest(self._improved(concatenated(begun), self.first_iterations), len(states))

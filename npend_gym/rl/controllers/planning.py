@@ -7,7 +7,8 @@ and Glück, Eder, Kugi, Automatica 49 (2013), 801-808.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,20 +19,23 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
+from npend_gym.envs.modes import Balance, Calm
+from npend_gym.rl.controllers.feedback import StateFeedback
 from npend_gym.rl.controllers.mpc import MPC
-from npend_gym.rl.controllers.regulators import StateFeedback, riccati, state_weights
+from npend_gym.rl.controllers.regulators import riccati, state_weights
 from npend_gym.rl.controllers.step_model import (
     StepModel,
-    at_rest,
     check_config,
+    checked_place,
     env_actions,
     state_of,
     wrapped,
 )
-from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
+from npend_gym.rl.controllers.transcription import MAX_PLACE, NominalTrajectory, Transcription
 from npend_gym.rl.evaluation.settings import keywords_of, number_of_steps
 
 GUESSES = "waves", "mpc"
+DURATIONS = 6.0, 12.0, 24.0  # s, of trajectories that are tried, one after the other
 _LONGER = 5.0 / 3.0  # rail on which MPC guesses where its motions on the real one lead to no plan
 _START = 0.05  # rad and rad/s from the equilibrium, as far as environments start from it
 
@@ -105,18 +109,21 @@ class PlannedTransition:
 
 def planned_swing_up(
     config: EnvConfig,
-    seconds: float = 6.0,
+    seconds: float | None = None,
     *,
     settle: float = 0.0,
     tries: int = 4,
-    guess: str = "waves",
+    guess: str | None = None,
     seed: int = 0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    cart_position: float = 0.0,
 ) -> PlannedTransition:
     """Plan swing-ups and return the one that is least sensitive to deviations at its start.
 
-    It is `planned_transition` from hanging to upright, which explains the arguments. Of the guesses
-    "waves" about half lead to a trajectory, of "mpc" nearly all, with up to six rods.
+    It is `planned_transition` from hanging to upright, which explains the arguments. By default the
+    guesses are "waves", of which about half lead to a trajectory. Where none does they are "mpc",
+    of which nearly all do, with up to six rods. The modes "balance" and "calm", whose episodes
+    begin elsewhere, are a ValueError.
 
     Examples
     --------
@@ -126,9 +133,18 @@ def planned_swing_up(
     >>> evaluate(plan, {"mode": "swingup", "n": 1}, episodes=4).success_rate
     1.0
     """
-    return planned_transition(
-        config, 0.0, np.pi, seconds,
-        settle=settle, tries=tries, guess=guess, seed=seed, progress=progress,
+    check_config(config)
+    if isinstance(config.mode, (Balance, Calm)):
+        stands = isinstance(config.mode, Balance)
+        others = "lqr(config) or MPC(config)" if stands else "modal_damping(config)"
+        raise ValueError(
+            "config must be of a mode whose episodes begin hanging, such as "
+            f'mode="swingup", got "{config.mode.name}": {others} succeeds there, and '
+            "planned_transition(config, 0.0, np.pi) plans a swing-up in any mode"
+        )
+    return _best_plan(
+        config, np.zeros(config.n), np.full(config.n, np.pi), GUESSES if guess is None else guess,
+        seconds, settle, tries, seed, progress, cart_position,
     )  # fmt: skip
 
 
@@ -136,13 +152,14 @@ def planned_transition(
     config: EnvConfig,
     start: ArrayLike,
     goal: ArrayLike,
-    seconds: float = 6.0,
+    seconds: float | None = None,
     *,
     settle: float = 0.0,
     tries: int = 4,
-    guess: str = "mpc",
+    guess: str | None = None,
     seed: int = 0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    cart_position: float = 0.0,
 ) -> PlannedTransition:
     """Plan motions between equilibria; return the one least sensitive to deviations at its start.
 
@@ -152,21 +169,25 @@ def planned_transition(
         Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The trajectory
         is made of its own steps.
     start, goal : float or array_like, shape (n,)
-        Two different equilibria: 0 for a rod that hangs, pi for one that stands [rad].
-    seconds : float
-        Duration of the trajectory.
+        Two different equilibria: 0 for a rod that hangs, pi for one that stands [rad]. They may be
+        the same where a cart moves.
+    seconds : float, optional
+        Duration of the trajectory; by default 6 s, or 12 s or 24 s where no shorter one is found.
     settle : float
         Time [s] for which LQR about the start calms the chain before the trajectory begins.
     tries : int
         Number of first guesses, drawn from `seed`.
-    guess : str
+    guess : str, optional
         "waves", random paths that are no motions; or "mpc", transitions by `MPC` from near the
         start, which take longer to guess, but lead to a trajectory more often. On a cart, where
-        none of these does, `MPC` guesses again on a longer rail.
+        none of these does, `MPC` guesses again on a longer rail. By default "mpc", and "waves"
+        where that finds nothing.
     seed : int
         Seed of the guesses.
     progress : callable
         May wrap the iteration over the guesses, as tqdm does.
+    cart_position : float
+        Where a cart ends [m]; it begins in the middle of its rail.
 
     Returns
     -------
@@ -196,48 +217,82 @@ def planned_transition(
         )
         for name, angles in (("start", start), ("goal", goal))
     )
-    if np.array_equal(begin, end):
-        raise ValueError(f"goal must be another equilibrium than start, got {end.tolist()}")
-    steps = number_of_steps("seconds", seconds, config.dt)
+    return _best_plan(
+        config, begin, end, GUESSES[::-1] if guess is None else guess,
+        seconds, settle, tries, seed, progress, cart_position,
+    )  # fmt: skip
+
+
+def _best_plan(
+    config: EnvConfig,
+    begin: FloatArray,
+    end: FloatArray,
+    guess: str | Sequence[str],  # several: one after the other, until there is a plan
+    seconds: float | None,
+    settle: float,
+    tries: int,
+    seed: int,
+    progress: Callable[[Iterable[int]], Iterable[int]],
+    cart_position: float,
+) -> PlannedTransition:
+    """Return the plan of `planned_transition`; start and goal are exact, (n,)."""
+    place = checked_place(config, cart_position, MAX_PLACE)
+    if np.array_equal(begin, end) and place == 0.0:
+        cart = ", or cart_position another place" if config.has_cart else ""
+        raise ValueError(f"goal must be another equilibrium than start, got {end.tolist()}{cart}")
+    durations = DURATIONS if seconds is None else (seconds,)
     settle = _checks.nonnegative_number("settle", settle)
-    if _checks.choice("guess", guess, GUESSES) == "mpc" and config.chain.gravity == 0.0:
+    weightless = config.chain.gravity == 0.0
+    if not isinstance(guess, str):
+        guesses = [each for each in guess if each == "waves" or not weightless]
+    elif _checks.choice("guess", guess, GUESSES) == "mpc" and weightless:
         raise ValueError('guess must be "waves" without gravity, where MPC knows no horizon')
-    problem = Transcription(config, steps, begin, end)
-    tries, seed = _checks.count("tries", tries), _checks.count("seed", seed, low=0)
-
-    def generators() -> list[np.random.Generator]:
-        return [np.random.default_rng([seed, k]) for k in range(tries)]
-
-    def plans(guesses: Sequence[tuple[FloatArray, FloatArray]]) -> list[PlannedTransition]:
-        nominals = [problem.solve(*guesses[attempt]) for attempt in progress(range(len(guesses)))]
-        return [track(config, nominal, settle) for nominal in nominals if nominal is not None]
-
-    def by_mpc(config: EnvConfig) -> list[tuple[FloatArray, FloatArray]]:
-        near = [rng.uniform(-_START, _START, config.state_size) for rng in generators()]
-        motions = mpc_motions(config, np.stack(near) + at_rest(config, begin), end, steps)
-        return [problem.unknowns(*motion) for motion in motions]
-
-    if guess == "waves":
-        found = plans([problem.wavy_guess(rng) for rng in generators()])
     else:
-        found = plans(by_mpc(config))
-        if not found and config.rail is not None:
-            # MPC may never stand up on a short rail; its motion on a longer one can be made to fit
-            longer: dict[str, Any] = keywords_of(config) | {"rail": _LONGER * config.rail}
-            found = plans(by_mpc(EnvConfig(**longer)))
-    if not found:
-        raise RuntimeError(
-            f"no trajectory of {steps * config.dt:g} s was found in {tries} tries: "
-            "give it more seconds, tries or torque, or another seed"
+        guesses = [guess]
+    tries, seed = _checks.count("tries", tries), _checks.count("seed", seed, low=0)
+    steps = [number_of_steps("seconds", each, config.dt) for each in durations]
+    for count, kind in itertools.product(steps, guesses):
+        problem = Transcription(config, count, begin, end, place)
+        for drawn in _guesses(problem, kind, tries, seed):
+            nominals = [problem.solve(*drawn[attempt]) for attempt in progress(range(len(drawn)))]
+            found = [track(config, each, settle) for each in nominals if each is not None]
+            if found:
+                return min(found, key=lambda controller: controller.sensitivity)
+    times = " or ".join(f"{count * config.dt:g}" for count in steps)
+    raise RuntimeError(
+        f"no trajectory of {times} s was found in {tries} tries: "
+        "give it more seconds, tries or torque, or another seed; the limits are "
+        f"{config.action_limits.tolist()} [N m, or N of a cart]"
+    )
+
+
+def _guesses(
+    problem: Transcription, kind: str, tries: int, seed: int
+) -> Iterator[list[tuple[FloatArray, FloatArray]]]:
+    """Return first guesses of a kind, and then others where these lead to no plan."""
+    config, generators = (
+        problem.model.config,
+        [np.random.default_rng([seed, k]) for k in range(tries)],
+    )
+    if kind == "waves":
+        yield [problem.wavy_guess(rng) for rng in generators]
+        return
+    near = np.stack([rng.uniform(-_START, _START, config.state_size) for rng in generators])
+    # MPC may never stand up on a short rail; its motion on a longer one can be made to fit
+    for longer in (1.0,) if config.rail is None else (1.0, _LONGER):
+        rail: dict[str, Any] = {} if longer == 1.0 else {"rail": longer * config.rail}
+        on_rail = EnvConfig(**keywords_of(config) | rail) if rail else config
+        motions = mpc_motions(
+            on_rail, near + problem.begin, problem.goal, problem.steps, problem.place
         )
-    return min(found, key=lambda controller: controller.sensitivity)
+        yield [problem.unknowns(*motion) for motion in motions]
 
 
 def mpc_motions(
-    config: EnvConfig, states: FloatArray, goal: FloatArray, steps: int
+    config: EnvConfig, states: FloatArray, goal: FloatArray, steps: int, place: float = 0.0
 ) -> list[NominalTrajectory]:
     """Return transitions by `MPC` from these states, (B, 2c), without those that diverge."""
-    step, controller = StepModel(config), MPC(config, goal)
+    step, controller = StepModel(config), MPC(config, goal, cart_position=place)
     motions, actions = [states], list[FloatArray]()
     try:
         for k in range(steps):
@@ -245,7 +300,7 @@ def mpc_motions(
             motions.append(step(motions[-1], actions[-1]))
     except FloatingPointError:  # one of them diverges
         alone = np.split(states, len(states)) if len(states) > 1 else []
-        return [motion for one in alone for motion in mpc_motions(config, one, goal, steps)]
+        return [motion for one in alone for motion in mpc_motions(config, one, goal, steps, place)]
     pairs = zip(np.stack(motions, axis=1), np.stack(actions, axis=1), strict=True)
     return [NominalTrajectory(*pair) for pair in pairs]
 
@@ -257,8 +312,8 @@ def replanned(
 
     Of such plans it is one whose actions are most like those of the motion `like`.
     """
-    first, last = (np.remainder(near.states[k, : config.n], 2.0 * np.pi) for k in (0, -1))
-    problem = Transcription(config, len(near.actions), first, last)
+    (first, _), (last, place) = (_rest_of(config, near.states[k]) for k in (0, -1))
+    problem = Transcription(config, len(near.actions), first, last, place)
     nominal = problem.solve(*problem.unknowns(*near), like=like)
     return None if nominal is None else track(config, nominal, 0.0)
 
@@ -266,7 +321,7 @@ def replanned(
 def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> PlannedTransition:
     """Return the controller that tracks `nominal`, which begins and ends in equilibria."""
     a, b = StepModel(config).derivatives(nominal.states[:-1], nominal.actions)
-    start, goal = (np.remainder(nominal.states[k, : config.n], 2.0 * np.pi) for k in (0, -1))
+    (start, begin), (goal, place) = (_rest_of(config, nominal.states[k]) for k in (0, -1))
     joints, costs = b.shape[2], np.empty((len(a) + 1, *a.shape[1:]))
     gains, hessians = np.empty((len(a), joints, a.shape[2])), np.empty((len(a), joints, joints))
     at_goal, s = riccati(config, goal, 1.0)
@@ -278,6 +333,12 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
         s = costs[k] = 0.5 * (s + s.T)
     return PlannedTransition(
         nominal, gains, costs, np.diagonal(hessians, axis1=1, axis2=2),
-        StateFeedback(config, start, riccati(config, start, 1.0)[0]),
-        StateFeedback(config, goal, at_goal), settle,
+        StateFeedback(config, start, riccati(config, start, 1.0)[0], begin),
+        StateFeedback(config, goal, at_goal, place), settle,
     )  # fmt: skip
+
+
+def _rest_of(config: EnvConfig, state: FloatArray) -> tuple[FloatArray, float]:
+    """Return the angles without whole turns, (n,), and the place of a cart, of a state at rest."""
+    angles = np.remainder(state[: config.n], 2.0 * np.pi)
+    return angles, float(state[config.n]) if config.has_cart else 0.0

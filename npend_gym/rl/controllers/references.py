@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from npend_gym import _checks
+from npend_gym.rl.controllers.energy_shaping import energy_swing_up
 from npend_gym.rl.controllers.mpc import MPC
 from npend_gym.rl.controllers.planning import planned_swing_up
-from npend_gym.rl.controllers.regulators import energy_swing_up, lqr, modal_damping
+from npend_gym.rl.controllers.regulators import lqr, modal_damping
 from npend_gym.rl.controllers.transitions import planned_transitions
 from npend_gym.rl.evaluation.rollouts import Controller
 from npend_gym.rl.evaluation.settings import EnvLike, setting_of

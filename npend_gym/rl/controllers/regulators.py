@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize_scalar
 
@@ -17,20 +17,12 @@ from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.physics import linearise
-from npend_gym.physics.energy import energy
-from npend_gym.rl.controllers.step_model import (
-    at_rest,
-    check_config,
-    env_actions,
-    motors,
-    of_actions,
-    state_of,
-    wrapped,
-)
+from npend_gym.rl.controllers.feedback import StateFeedback, state_names
+from npend_gym.rl.controllers.step_model import check_config, checked_place, motors
 
 _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 _OF_CART = 4.0  # weight of the square of the cart's place over the rail
-_CENTRE = 0.6  # of the force limit, for a cart one mean length of the rods away
+_ROUNDING = 1e-12  # of weights that are given, over the largest
 _RIGHT, _WRONG = 1e-6, 1e-3  # residuals of Riccati's equation, over its solution
 
 
@@ -47,9 +39,9 @@ def discretise(
     actions, (2c, joints), which are held during the step.
     """
     size, inputs = config.state_size, config.joints.size
-    rates = linearise(_with_dampers(config, rub), angle, joints=motors(config))
+    rates = linearise(_with_dampers(config, rub), angle, joints=config.joints.tolist())
     block = np.zeros((size + inputs,) * 2)  # exp(dt [[A, B], [0, 0]]) has both matrices
-    block[:size] = np.hstack([rates.A, of_actions(config, rates.B)])
+    block[:size] = np.hstack([rates.A, rates.B * config.action_limits])
     step: FloatArray = np.asarray(expm(block * config.dt))
     return step[:size, :size], step[:size, size:]
 
@@ -64,43 +56,20 @@ def _with_dampers(config: EnvConfig, rub: bool | BoolArray) -> Chain:
     return Chain.from_dict(chain.as_dict() | {"friction": 0.0, "damping": damping})
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class StateFeedback:
-    """Linear feedback: the actions are -gain times the deviation from rest at `angle`.
-
-    The deviation of the state (q, u) has the angles wrapped; a cart is to stand in the middle.
-    """
-
-    config: EnvConfig
-    angle: float | FloatArray  # rad, of all rods or of each, (n,)
-    gain: FloatArray  # (joints, 2c)
-
-    def __repr__(self) -> str:
-        angle, gain = (np.array2string(np.asarray(each)) for each in (self.angle, self.gain))
-        return f"StateFeedback({self.config.n} rods, angle={angle}, gain={gain})"
-
-    def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
-        del observation
-        return env_actions(self.config, self.actions(state_of(self.config, info)))
-
-    def actions(self, states: FloatArray) -> FloatArray:
-        """Return the actions, (..., joints), in states (q, u), (..., 2c)."""
-        return -self.deviation(states) @ self.gain.T
-
-    def deviation(self, states: FloatArray) -> FloatArray:
-        """Return the deviations of states (q, u), with the angles in [-pi, pi), (..., 2c)."""
-        return wrapped(self.config, states - at_rest(self.config, self.angle))
-
-
 def lqr(
-    config: EnvConfig, angle: float | FloatArray = np.pi, action_weight: float = 1.0
+    config: EnvConfig,
+    angle: float | FloatArray = np.pi,
+    action_weight: float = 1.0,
+    *,
+    Q: ArrayLike | None = None,  # noqa: N803 - as in all textbooks
+    R: ArrayLike | None = None,  # noqa: N803
+    cart_position: float = 0.0,
 ) -> StateFeedback:
     """Return the linear-quadratic regulator about rest in an equilibrium.
 
     It minimises the sum over all steps of (theta - angle)^2 + (l / g) omega^2, added up over the
     rods, plus `action_weight` times the squared actions; l is the mean length of the rods. A cart
-    adds 4 (position^2 + (l / g) velocity^2) / rail^2.
+    adds 4 (position^2 + (l / g) velocity^2) / rail^2, with the position from `cart_position`.
 
     Dry friction is no linear force. In joints with a motor it is left out. In the others it is left
     out, or is the damper of a swing of 0.03 rad, see `discretise`: whichever has the smaller gains,
@@ -116,6 +85,15 @@ def lqr(
         0 for hanging, pi for upright [rad], for all rods or for each.
     action_weight : float
         Weight of the squared actions.
+    Q : array_like, shape (2c, 2c), or (2c,) of a diagonal, optional
+        Symmetric, positive semidefinite weights of the deviation of the state, in place of those
+        above. The state is the angles [rad], the position of a cart [m], then their rates.
+    R : array_like, shape (joints, joints), or (joints,) of a diagonal, optional
+        Symmetric, positive definite weights of the actions, in place of `action_weight`. An action
+        is a torque or force over its limit: weights W of torques are
+        ``R = W * np.outer(config.action_limits, config.action_limits)``.
+    cart_position : float
+        Where the cart is to stand [m], within the rail.
 
     Raises
     ------
@@ -135,39 +113,84 @@ def lqr(
     """
     check_config(config)
     checked_equilibrium("angle", _checks.vector("angle", angle, config.n))
-    weight = _checks.positive_number("action_weight", action_weight)
-    gain = riccati(config, angle, weight)[0]
-    return StateFeedback(config, _checks.array("angle", angle), gain)  # a copy
+    place = checked_place(config, cart_position)
+    weight: float | FloatArray = _checks.positive_number("action_weight", action_weight)
+    if R is not None:
+        if weight != 1.0:
+            raise ValueError("action_weight must be left out with R, which has the same place")
+        weight = _weights("R", R, config.joints.size, "an action of config.joints", definite=True)
+    states = f"each of {state_names(config)}"
+    q = None if Q is None else _weights("Q", Q, config.state_size, states)
+    gain = riccati(config, angle, weight, q)[0]
+    return StateFeedback(config, _checks.array("angle", angle), gain, place)  # a copy
+
+
+def _weights(
+    name: str, given: ArrayLike, size: int, entries: str, *, definite: bool = False
+) -> FloatArray:
+    """Return a matrix of weights (size, size), given as one or by its diagonal."""
+    weights = _checks.array(name, given)
+    if weights.shape not in ((size,), (size, size)):
+        raise ValueError(
+            f"{name} must have the shape {(size, size)}, or {(size,)} of a diagonal, with a row "
+            f"for {entries}; got the shape {weights.shape}"
+        )
+    weights = np.diag(weights) if weights.ndim == 1 else weights
+    rounding = _ROUNDING * np.abs(weights).max()
+    if (np.abs(weights - weights.T) > rounding).any():
+        raise ValueError(
+            f"{name} must be symmetric, got {_checks.show(weights.tolist())}: ({name} + {name}.T) "
+            "/ 2 costs the same"
+        )
+    weights = 0.5 * (weights + weights.T)
+    least = float(np.linalg.eigvalsh(weights)[0])
+    if least < -rounding or (definite and least <= rounding):
+        rule = "definite" if definite else "semidefinite"
+        raise ValueError(
+            f"{name} must be positive {rule}, got an eigenvalue of {least:.6g}: a cost below zero "
+            "has no minimum" + (", and an action that costs nothing no bound" if definite else "")
+        )
+    return weights
 
 
 def riccati(
-    config: EnvConfig, angle: float | FloatArray, action_weight: float
+    config: EnvConfig,
+    angle: float | FloatArray,
+    action_weight: float | FloatArray,
+    q: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the gain of `lqr`, (joints, 2c), and S, (2c, 2c): the cost from x on is x S x."""
+    """Return the gain of `lqr`, (joints, 2c), and S, (2c, 2c): the cost from x on is x S x.
+
+    `action_weight` is a number, or a matrix (joints, joints); q are other weights than those of
+    `lqr`, (2c, 2c).
+    """
     check_config(config)
     passive = np.ones(config.n, np.bool_)
     passive[motors(config)] = False
-    q, free = state_weights(config), np.zeros_like(passive)
+    usual, free = state_weights(config), np.zeros_like(passive)
+    q, r = usual if q is None else q, np.asarray(action_weight)
+    r = r if r.ndim == 2 else r * np.eye(config.joints.size)
     rubbing = (passive, free) if np.any(config.chain.friction[passive]) else (free,)
     systems = [discretise(config, angle, rub=rub) for rub in rubbing]
     solutions: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     try:
         for a, b in systems:
-            gain, s = _solution(a, b, q, action_weight * np.eye(b.shape[1]))
+            gain, s = _solution(a, b, q, r)
             solutions.append((gain, s, a - b @ gain))
         # (l / g) omega^2 weighs like an angle
         gain, s, closed_loop = min(
-            solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(q))))
+            solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(usual))))
         )
         growth = float(np.abs(np.linalg.eigvals(closed_loop)).max())
         if growth >= 1.0:
             raise np.linalg.LinAlgError(f"deviations that grow by {growth:.6g} in each step")
     except (np.linalg.LinAlgError, ValueError) as error:  # of SciPy
+        own = "" if q is usual else ", or with weights in Q of all that does not calm by itself"
         raise np.linalg.LinAlgError(
             "the motors must be able to stabilise the equilibrium at angle "
             f"{_checks.show(angle)}, and double precision must suffice for {config.n} rods with "
             f"motors at joints {config.joints.tolist()}; got: {error}. Make the environment with "
-            "fewer rods, more motors, a smaller dt, or a larger max_torque or max_force"
+            f"fewer rods, more motors, a smaller dt, or a larger max_torque or max_force{own}"
         ) from error
     return gain, s
 
@@ -183,7 +206,7 @@ def _solution(
 
     def checked(s: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         gain = np.asarray(np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a), np.float64)
-        residual = np.linalg.norm(q + a.T @ s @ (a - b @ gain) - s) / np.linalg.norm(s)
+        residual = np.linalg.norm(q + a.T @ s @ (a - b @ gain) - s) / (np.linalg.norm(s) or 1.0)
         return float(residual), gain, s
 
     best = checked(np.asarray(solve_discrete_are(a, b, q, r), np.float64))
@@ -232,7 +255,7 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     _checks.positive_number("gravity", config.chain.gravity)
     a, b = discretise(config, 0.0)
     gain = np.zeros((b.shape[1], a.shape[0]))
-    gain[0, a.shape[0] // 2 :] = _turned_by(config)[0]
+    gain[0, a.shape[0] // 2 :] = turned_by(config)[0]
     moving = [k for k in range(len(a)) if not (config.has_cart and k == config.n)]
 
     def spectral_radius(log_strength: float) -> float:
@@ -251,85 +274,8 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     return StateFeedback(config, 0.0, math.exp(best.x) * gain)
 
 
-def _turned_by(config: EnvConfig) -> FloatArray:
+def turned_by(config: EnvConfig) -> FloatArray:
     """Return, for each motor, how the rate at which it moves follows from u, (joints, c)."""
     rates = np.eye(config.n + 1)
     rates[range(1, config.n), range(config.n - 1)] = -1.0  # a joint turns by omega_i - omega_{i-1}
     return rates[config.joints, : config.state_size // 2]
-
-
-@dataclass(frozen=True, eq=False)
-class EnergySwingUp:
-    """Swing-up by energy shaping: pump energy into the chain, then balance by LQR near upright.
-
-    While energy is missing the motors drive the chain on, and brake it where there is too much:
-    action = pump_gain (1 - energy / upright_energy) time_scale times the rate at which the joint
-    turns. A force on a cart drives the chain by its momentum p relative to the cart: the rate is -p
-    / (m l) there, and what centres the cart is added, `_CENTRE` (position + time_scale velocity) /
-    l. The energy of a cart and its chain leaves out the motion of their centre of mass along the
-    rail, which only a force changes. The regulator takes over where its cost of the state is below
-    `catch_cost`.
-    """
-
-    balance: StateFeedback
-    cost: FloatArray  # S of `riccati`, (2c, 2c)
-    pump_gain: float
-    catch_cost: float
-
-    def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
-        del observation
-        config = self.balance.config
-        chain, n, states = config.chain.hung(), config.n, state_of(config, info)
-        q, u = np.split(states, 2, axis=-1)
-        theta, omega, scale = q[..., :n], u[..., :n], time_scale(config)
-        has, rates = energy(chain, theta, omega), u @ _turned_by(config).T
-        mass, length = float(chain.masses.sum()), float(chain.lengths.mean())
-        if config.cart_mass is not None:
-            momentum = np.sum(chain.lift * np.cos(theta) * omega, axis=-1)
-            has = has - 0.5 * momentum**2 / (mass + config.cart_mass)
-            rates[..., config.joints == n] = -momentum[..., None] / (mass * length)
-        missing = 1.0 - has / chain.lifting_energy
-        pump = (self.pump_gain * missing[..., None] * rates * scale).clip(-1.0, 1.0)
-        if config.has_cart:
-            away = (q[..., n] + scale * u[..., n]) / length
-            pump[..., config.joints == n] -= _CENTRE * away[..., None]
-        x = self.balance.deviation(states)
-        near = np.sum(x @ self.cost * x, axis=-1) < self.catch_cost
-        actions = np.where(near[..., None], self.balance.actions(states), pump)
-        return env_actions(config, actions)
-
-
-def energy_swing_up(
-    config: EnvConfig, pump_gain: float = 30.0, catch_cost: float = 15.0
-) -> EnergySwingUp:
-    """Return a swing-up by energy shaping followed by `lqr`, for a motor at the base or a cart.
-
-    The defaults did best for n = 2 among gains of 3 to 100 and costs of 5 to 50, in the 200
-    episodes of the seeds 0 to 199.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument breaks its rule, or no motor is at the base or a cart.
-    numpy.linalg.LinAlgError
-        If the motors cannot stabilise the upright chain.
-
-    Examples
-    --------
-    >>> from npend_gym import rl
-    >>> from npend_gym.envs import EnvConfig
-    >>> task = {"n": 1, "mode": "swingup"}
-    >>> rl.evaluate(rl.energy_swing_up(EnvConfig(**task)), task, episodes=2).success.tolist()
-    [True, True]
-    """
-    check_config(config)
-    if not {0, config.n} & set(config.joints.tolist()):
-        raise ValueError(
-            f"actuated must have the first joint or a cart, got {config.joints.tolist()}: motors "
-            "elsewhere do not pump energy in"
-        )
-    pump_gain = _checks.positive_number("pump_gain", pump_gain)
-    catch_cost = _checks.nonnegative_number("catch_cost", catch_cost)
-    gain, cost = riccati(config, np.pi, action_weight=1.0)
-    return EnergySwingUp(StateFeedback(config, np.pi, gain), cost, pump_gain, catch_cost)

@@ -75,11 +75,29 @@ def env_actions(config: EnvConfig, actions: FloatArray) -> Any:
     return (digits.astype(np.int64) * places).sum(axis=-1)
 
 
-def at_rest(config: EnvConfig, angle: float | FloatArray) -> FloatArray:
-    """Return the state (q, u), (2c,), at rest at `angle`, a cart in the middle of its rail."""
+def at_rest(config: EnvConfig, angle: float | FloatArray, place: float = 0.0) -> FloatArray:
+    """Return the state (q, u), (2c,), at rest at `angle`, a cart at `place` [m] on its rail."""
     state = np.zeros(config.state_size)
     state[: config.n] = angle
+    if config.has_cart:
+        state[config.n] = place
     return state
+
+
+def checked_place(config: EnvConfig, place: Any, share: float = 1.0) -> float:
+    """Return the place that a user gives a cart [m], within a share of its rail."""
+    place = _checks.number("cart_position", place)
+    if config.rail is None and place != 0.0:
+        raise ValueError(
+            f"cart_position must be left out without a cart, got {place:g}; an environment with "
+            'base="cart" has one'
+        )
+    if config.rail is not None and abs(place) > share * config.rail:
+        raise ValueError(
+            f"cart_position must lie within +-{share * config.rail:g} m, {share:.3g} of the rail, "
+            f"got {place:g}; the environment's rail=... makes it longer"
+        )
+    return place
 
 
 def wrapped(config: EnvConfig, deviation: FloatArray) -> FloatArray:

@@ -43,10 +43,17 @@ class Transcription:
     beyond MAX_PLACE of its rail is weighted as a defect is.
 
     `start` and `goal` are equilibria, (n,): the angles at the start, and those at the end but for
-    whole turns [rad].
+    whole turns [rad]. A cart goes from the middle of its rail to `place` [m].
     """
 
-    def __init__(self, config: EnvConfig, steps: int, start: FloatArray, goal: FloatArray) -> None:
+    def __init__(
+        self,
+        config: EnvConfig,
+        steps: int,
+        start: FloatArray,
+        goal: FloatArray,
+        place: float = 0.0,
+    ) -> None:
         self.n: int = config.chain.n
         self.joints: int = config.joints.size
         self.steps: int = steps
@@ -54,7 +61,7 @@ class Transcription:
         self.size: int = config.state_size
         self.model: StepModel = StepModel(config)
         self.begin: FloatArray = at_rest(config, start)  # the state in which the trajectory begins
-        self.goal = goal
+        self.goal, self.place = goal, place
         self.end = np.zeros(self.size)  # the state in which the trajectory ends
         self.wanted = np.zeros((steps, self.joints))  # v
         self.scale: NDArray[Any] = np.repeat([1.0, 0.3], self.size // 2)
@@ -113,22 +120,24 @@ class Transcription:
         turn = rng.choice([1.0, 1.0, 1.0, -1.0], self.n) * (self.goal - self.begin[: self.n])
         k = np.arange(1, _HALF_WAVES + 1)[:, None]
         waves = np.sin(np.pi * k * s[:, None]) * rng.normal(0.0, 0.6, (_HALF_WAVES, self.n))
-        q = np.zeros((self.steps + 1, self.size // 2))  # a cart stays in the middle
-        q[:, : self.n] = (3.0 - 2.0 * s) * s**2 * turn + np.sin(np.pi * s) * waves.sum(axis=1)
+        smooth = (3.0 - 2.0 * s) * s**2
+        q = smooth * np.full(self.size // 2, self.place)  # of a cart
+        q[:, : self.n] = smooth * turn + np.sin(np.pi * s) * waves.sum(axis=1)
         q[:, : self.n] += self.begin[: self.n]
         states = np.hstack([q, np.gradient(q, self.dt, axis=0)])
         v = rng.normal(0.0, 0.1, (self.steps, self.joints))
-        end = self.begin.copy()
-        end[: self.n] += turn
+        end = self._end_at(self.begin[: self.n] + turn)
         return end, np.hstack([states[:-1], v]).ravel()[self.size :]
 
     def unknowns(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the nearest end and z of a motion that ends near the goal, as a guess."""
         turns = np.rint((states[-1, : self.n] - self.goal) / (2.0 * np.pi))
-        end = np.zeros(self.size)
-        end[: self.n] = self.goal + 2.0 * np.pi * turns
+        end = self._end_at(self.goal + 2.0 * np.pi * turns)
         v = np.arctanh(np.clip(actions / MAX_ACTION, -_MAX_GUESS, _MAX_GUESS))
         return end, np.hstack([states[:-1], v]).ravel()[self.size :]
+
+    def _end_at(self, angles: FloatArray) -> FloatArray:
+        return at_rest(self.model.config, angles, self.place)
 
     def rows(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the state before each step, (steps, 2c), and v, (steps, joints)."""

@@ -197,12 +197,13 @@ def planned_transitions(
     guess: str = "mpc",
     seed: int = 0,
     progress: Callable[[Iterable[Pair]], Iterable[Pair]] = iter,
+    cart_position: float = 0.0,
 ) -> PlannedTransitions:
     """Plan the transitions between all pairs of different equilibria, 2^n (2^n - 1) of them.
 
     Parameters
     ----------
-    config, seconds, settle, tries, guess, seed
+    config, seconds, settle, tries, guess, seed, cart_position
         As for `planned_transition`, which makes each of the plans. Chains that stand start up to
         0.05 rad from rest, and amplify that along a trajectory unless LQR calms them before.
     progress : callable
@@ -230,6 +231,7 @@ def planned_transitions(
     n = _checks.count("the number of rods", config.n, high=_MAX_RODS)
     plans: dict[Pair, PlannedTransition] = {}
     settings: dict[str, Any] = {"settle": settle, "tries": tries, "guess": guess, "seed": seed}
+    settings |= {"cart_position": cart_position} if config.has_cart or cart_position else {}
     arguments = {"env": env_of(config, strict=False), "seconds": seconds} | settings
     for start, goal in progress(pairs_of(n)):
         ends = np.pi * np.array(start), np.pi * np.array(goal)
@@ -269,7 +271,11 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], config: EnvConfig) -> list
 def _check_motion(path: object, nominal: NominalTrajectory, pair: Pair, config: EnvConfig) -> None:
     """Raise a ValueError where steps of the environment do not lead along the trajectory."""
     states, actions = nominal
-    ends = np.stack([at_rest(config, np.pi * np.array(stands)) for stands in pair])
+    places = states[[0, -1], config.n] if config.has_cart else (0.0, 0.0)
+    ends = np.stack([
+        at_rest(config, np.pi * np.array(stands), place)
+        for stands, place in zip(pair, places, strict=True)
+    ])  # fmt: skip
     if not (np.abs(wrapped(config, states[[0, -1]] - ends)) < _DEFECT).all():
         raise ValueError(f"{path} holds plans that do not lead where they say")
     missed = np.abs(StepModel(config)(states[:-1], actions) - states[1:]).max()

@@ -195,7 +195,7 @@ def _transition(settings: Any, config: EnvConfig, pair: Pair) -> PlannedTransiti
     (start, goal), found = np.pi * np.array(pair), list[PlannedTransition]()
     for guess in range(settings.guesses):
         seed = guess + settings.guesses * settings.seed
-        options: dict[str, Any] = {"tries": 1, "seed": seed}
+        options: dict[str, Any] = {"tries": 1, "guess": "mpc", "seed": seed}
         try:
             found.append(planned_transition(config, start, goal, settings.seconds, **options))
         except RuntimeError:  # this guess leads to no trajectory
