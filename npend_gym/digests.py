@@ -47,6 +47,8 @@ GOLDEN: dict[str, str] = {
         "7b604ea4c26d56468f82c82efc5a4dcfa55372748e5484b86b91553e58894d41",
     "pseudo-periods, com":
         "f72f7d9b34cf85bcc0bf3e431b94448afa3819b2d7296fd2b0ab264247ee8884",
+    "pseudo-periods, horizontal":
+        "79f893c0ebf178d6382c004f054e2ee301c1bb5d72472804473a42710975dc1e",
     "random numbers":
         "d5b23020686d4b80c904fa907482e42fffdc6c8aca01fe76f8d4527e70a32263",
     "environment, passive":
@@ -64,11 +66,11 @@ GOLDEN: dict[str, str] = {
     "vector environment, swingup":
         "ba788c5d91aedefbf1663eb30ca8ee9ffc7de2cbac986dbde966d525c3d2472c",
     "vector environment, balance":
-        "7bb665f1888bc6a618b4f3a20f510acdf4244b16476ce3300b7e75a2a15c9e60",
+        "f4ab7b712ed1b455657e9c658d7ae5a099a2fb385538aa1c1d3866fcd9d6d12f",
     "vector environment, calm":
         "4600019c204e57df25af02e3b177fbfb945845c258cf722ebe82dad5becca12e",
     "vector environment, transition":
-        "ee077b019e615995d5c008cdef34cd985437cb37fc1f612e6a51c6e57aa37b52",
+        "315f53e6bc7788da3b30be054d7d2a2b4fb2e1d8db033c610fa6906f8d4cbc2f",
     "simulate, links":
         "0b76b87e9437f8ccb2a3b3e4df8881ef8fe0647364f5d7c2587c7aefe1a313c7",
     "simulate, machine":

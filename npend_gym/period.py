@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
@@ -15,13 +15,15 @@ from npend_gym.compiled.arrays import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_rtol, warn_of_degrees
-from npend_gym.physics.energy import centre_of_mass, positions, stretched
+from npend_gym.physics.energy import centre_of_mass, positions, sincos, stretched
 from npend_gym.physics.equations import assembled
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.releases import RELEASE_ROWS, Release
 from npend_gym.physics.kernels.turning_points import (
+    AROUND,
     BOB,
     COM,
+    COM_AROUND,
     HEIGHT,
     LINK,
     new_record,
@@ -30,8 +32,9 @@ from npend_gym.physics.kernels.turning_points import (
 from npend_gym.physics.mechanism import hanging_angle, in_frame_of_pivot, mechanism_of
 from npend_gym.physics.motion import Motion, pack_of, packs_of
 
-CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
+CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM, "horizontal": BOB}
 READINGS = tuple(CODES)
+_BEYOND = {"bob": AROUND, "com": COM_AROUND}  # what counts where a rod starts beyond 90 degrees
 
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
@@ -65,14 +68,16 @@ def pseudo_periods(
         Releases are followed side by side, a few times faster than one by one, with the same bits.
         One number stands for all. At rest angles beyond 2 pi are refused, as they are likely to be
         degrees; of a moving chain those that look like degrees bring a warning.
-    reading : {"bob", "link", "height", "com"}
+    reading : {"bob", "link", "height", "com", "horizontal"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
-        - "bob": the bob's horizontal velocity has reversed twice;
+        - "bob": the bob has reversed twice: its horizontal velocity, or its velocity around the
+          pivot where a rod starts beyond 90 degrees;
         - "link": the rod's angular velocity has gone 0, -, +, 0;
         - "height": the bob is back at its starting height;
-        - "com": the horizontal velocity of the chain's centre of mass has reversed twice: one
-          pseudo-period for all bobs.
+        - "com": the chain's centre of mass has reversed twice, by the same rule: one
+          pseudo-period for all bobs;
+        - "horizontal": the bob's horizontal velocity has reversed twice, from any angle.
 
         The bob of a link with inertia is its far end: the next joint, or the tip.
     duration : float, optional
@@ -108,11 +113,16 @@ def pseudo_periods(
     crossing. A bob that starts at zero counts as released from positive angles. "com" does so with
     the centre of mass. A sign counts once the speed has exceeded 1e-6
     sqrt(g/l), times l for "bob" and "com", l being the mean length: the outer rods of a uniform
-    release rest, at rounding level, until the wave reaches them. Beyond pi/2 a bob reverses more
-    often than its rod: the paper's definition is for small angles. "height" takes a touch within
+    release rest, at rounding level, until the wave reaches them. "height" takes a touch within
     10 rtol of the chain's length as a return, at the instant of the touch (for one pendulum at T/2:
     the paper asks for the height, not the side).
     Instants are zeros of the dense solution, located to 1e-11 s.
+
+    A bob that passes 90 degrees reverses its horizontal velocity there, in the middle of a swing:
+    "horizontal" gives half the period of one pendulum. So "bob" and "com" count reversals of the
+    velocity around the pivot where a rod starts more than 90 degrees from where it rests. With the
+    place r from the pivot it is r x v over the distance in a straight chain, so that the same
+    threshold holds.
 
     Examples
     --------
@@ -136,14 +146,25 @@ def pseudo_periods(
         duration = _WINDOW * slowest_period(felt)
     mechanism_of([chain]).check_vibrations(duration)
 
-    given = CODES[reading], duration, rtol, pivot_acceleration
+    codes = codes_of(chain, releases[0], reading, pivot_acceleration)
     periods = np.empty_like(releases[0])
 
-    def follow(share: slice, call: Call) -> None:
+    def follow(share: NDArray[np.int64], call: Call) -> None:
+        given = int(codes[share[0]]), duration, rtol, pivot_acceleration
         periods[share] = _measure(chain, releases[0][share], releases[1][share], *given, call)
 
-    share_out(_shares(len(periods)), threads, follow)
+    alike = [np.flatnonzero(codes == code) for code in np.unique(codes)]
+    share_out([own[share] for own in alike for share in _shares(own.size)], threads, follow)
     return periods.reshape(theta.shape)
+
+
+def codes_of(
+    chain: Chain, theta: FloatArray, reading: str, accelerated: ArrayLike | None = None
+) -> NDArray[np.int64]:
+    """Return what counts in a reading after releases at `theta` (..., n), as codes (...)."""
+    c = sincos(theta - hanging_angle(chain, accelerated))[1]
+    beyond = np.any(chain.lift * c < 0.0, axis=-1)
+    return np.where(beyond, _BEYOND.get(reading, CODES[reading]), CODES[reading])
 
 
 def slowest_period(chain: Chain) -> float:
@@ -205,7 +226,7 @@ def _measure(
 ) -> FloatArray:  # fmt: skip
     """Return the pseudo-periods of one release, or of up to WIDTH side by side, (releases, n).
 
-    For COM every bob has that of the chain.
+    `reading` is a code. For the centre of mass every bob has that of the chain.
     """
     count, n = len(theta), chain.n
     lanes = 1 if count == 1 else WIDTH
@@ -228,9 +249,11 @@ def _release(
     if chain.stiffness is not None:
         rods = stretched(chain, states.q[:, -n:])
         per_rod = -np.diff(positions(rods, theta)[..., 1], axis=1, prepend=0.0)
-    if reading == COM:
+    if reading in (COM, COM_AROUND):
         whole = chain.lengths * float(chain.masses.sum())
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
+    elif reading == AROUND:
+        per_rod = np.ones_like(theta)
     settings = {"rtol": rtol, "atol": 1e-2 * rtol}
     motion = pack_of(states, slice(0, lanes), settings, lanes)
     sides = orientation(rods, theta - hanging_angle(chain, accelerated), reading)
@@ -243,17 +266,33 @@ def _release(
 def orientation(rods: Chain | ChainParameters, theta: FloatArray, reading: int) -> FloatArray:
     """Return +1 for rods released from positive angles (or from zero), -1 from negative ones.
 
-    For COM (lanes, 1): for the side on which the centre of mass is.
+    For the centre of mass (lanes, 1): for the side on which it is. Around the pivot they are over
+    the distance of the bob, or of the centre of mass, in a straight chain [m]. There a link that
+    rests upright has the other side, from which it falls away.
     """
     if reading == HEIGHT:
         return np.ones_like(theta)
     if reading == LINK:
         side = theta - 2.0 * np.pi * np.round(theta * (0.5 / np.pi))  # no whole turns
-    elif reading == COM:
+    elif reading in (COM, COM_AROUND):
         side = centre_of_mass(rods, theta)[..., :1]
+    elif reading == AROUND:
+        side = np.cumsum(
+            np.where(rods.lift < 0.0, -1.0, 1.0) * rods.lengths * sincos(theta)[0], axis=-1
+        )
     else:
         side = positions(rods, theta)[..., 0]
-    return np.where(side < 0.0, -1.0, 1.0)
+    return np.where(side < 0.0, -1.0, 1.0) / distances(rods, reading)
+
+
+def distances(rods: Chain | ChainParameters, reading: int) -> FloatArray | float:
+    """Return over what velocities around the pivot are taken [m], (n,) or (1,); else 1."""
+    if reading == AROUND:
+        return np.cumsum(rods.lengths, axis=-1)
+    if reading == COM_AROUND:
+        straight = np.abs(rods.lift).sum(axis=-1, keepdims=True)
+        return straight / rods.masses.sum(axis=-1, keepdims=True)
+    return 1.0
 
 
 def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> FloatArray:

@@ -18,7 +18,7 @@ from npend_gym.chain import Chain, check_chain, plain_keywords
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.experiments.sensing import signals
-from npend_gym.period import check_reading, pseudo_periods
+from npend_gym.period import AROUND, check_reading, codes_of, pseudo_periods
 from npend_gym.physics import Trajectory, simulate
 from npend_gym.physics.mechanism import AXIAL, PIVOT
 
@@ -50,10 +50,15 @@ class Recording:
 
         That is the bob's horizontal velocity [m/s], its rod's angular velocity [rad/s], or its
         height above the start [m]. The horizontal velocity of the centre of mass [m/s] is the same
-        for all bobs.
+        for all bobs. From a start beyond 90 degrees velocities are those around the pivot.
         """
         shown = signals(self.motion, self.reading)
         return np.broadcast_to(shown, self.motion.theta.shape)
+
+    @property
+    def is_around(self) -> bool:
+        """Whether `signals` are velocities around the pivot."""
+        return bool(codes_of(self.motion.chain, self.motion.theta[0], self.reading) >= AROUND)
 
     def cart(self) -> FloatArray:
         """Return where the cart is on its rail [m], shape (T,); zeros where there is none."""

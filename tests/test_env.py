@@ -101,8 +101,11 @@ def test_passive_episode_is_the_papers_thousand_frames_without_reward():
 
 RELEASES = {f"{n} rods": ({"n": n}, {}) for n in (1, 2, 3, 5, 10, 20)} | {
     "from the other side": ({"n": 3}, {"theta": -0.7}),
+    "one from beyond 90 degrees": ({"n": 1}, {"theta": -2.5}),
+    "from beyond 90 degrees": ({"n": 3}, {"theta": 1.75}),
     "fast": ({"n": 3}, {"theta": [1.2, 1.0, 0.8], "omega": [-14.0, -9.0, 6.0]}),
     "links of rods": ({"chain": Chain.rods([1.0, 0.4], [0.5, 0.8])}, {}),
+    "links from beyond 90 degrees": ({"chain": Chain.rods([1.0, 0.4], [0.5, 0.8])}, {"theta": 1.7}),
     "links of a robot": ({"chain": Chain.realaigym("A.0")}, {"amplitude": 0.6}),
     "links of arms": ({"chain": Chain.multiarm(3)}, {"amplitude": 0.6}),
 }

@@ -3,9 +3,13 @@ import itertools
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.special import ellipk
 
 from npend_gym import Chain, NPendulumEnv, pseudo_periods, simulate, theory
+from npend_gym.chain import STANDARD_GRAVITY
+from npend_gym.experiments.sensing import Sensor, sensed_periods
 from npend_gym.period import READINGS
+from npend_gym.physics import Ensemble
 
 UNEVEN = Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3])
 SPRUNG = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], stiffness=[200.0, 150.0, 300.0])
@@ -19,15 +23,38 @@ ON_SPRINGS = pytest.param(SPRUNG, marks=pytest.mark.long)
         *(("link", theta0, 1.0) for theta0 in (0.01, np.pi / 4, -1.5, 3.0)),
         *(("com", theta0, 1.0) for theta0 in (-np.pi / 4, 1.2)),
         ("height", np.pi / 4, 0.5),
+        *((reading, theta0, 1.0) for reading in ("bob", "com") for theta0 in (1.58, -2.1, 3.0)),
         # beyond a right angle it moves outwards first; twice reversed, back outwards, when it
         # stops on the far side
-        ("bob", 3.0, 0.5),
+        ("horizontal", 3.0, 0.5),
+        ("horizontal", 1.5, 1.0),
     ],
 )
 def test_one_pendulum_has_the_period_of_the_elliptic_integral(reading, theta0, share):
-    expected = share * theory.pendulum_period(theta0)
+    small = 2.0 * np.pi * np.sqrt(1.0 / STANDARD_GRAVITY)
+    expected = share * small * 2.0 / np.pi * ellipk(np.sin(0.5 * theta0) ** 2)
     measured = pseudo_periods(Chain.uniform(1), theta0, reading=reading)
     np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("reading", ["bob", "com"])
+@pytest.mark.parametrize("start", [0.5, -2.8])  # more and less than 90 degrees from where it rests
+def test_a_link_that_rests_upright_has_the_period_of_the_elliptic_integral(reading, start):
+    inertia, centre, gravity = 0.1, -0.5, 9.81
+    chain = Chain([1.0], [1.0], centres=[centre], inertias=[inertia], gravity=gravity)
+    small = np.sqrt((inertia + centre**2) / (gravity * abs(centre)))
+    expected = 4.0 * small * ellipk(np.cos(0.5 * start) ** 2)
+    exact = pseudo_periods(chain, start, reading=reading, duration=20.0)
+    np.testing.assert_allclose(exact, expected, rtol=0, atol=1e-8)
+    sensed = sensed_periods(chain, start, reading, Sensor(0.002), 20.0, 0)
+    np.testing.assert_allclose(sensed, expected, rtol=0, atol=1e-4)
+    ensemble = Ensemble([chain])
+    ensemble.set_state(start, 0.0)
+    for _ in range(200):
+        ensemble.advance(0.05)
+    found = ensemble.pseudo_periods  # of bobs
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -49,11 +76,16 @@ def by_frames(chain, theta, reading, duration, dt=1e-3, omega=0.0):
     """The slow, obvious reading: signs of the signal at close frames, roots between them."""
     times = np.arange(0.0, duration, dt)
     path = simulate(chain, theta, omega, times, rtol=1e-12, atol=1e-13)
-    signal = path.omega if reading == "link" else path.velocities()[:, :, 0]
-    if reading == "com":  # from the velocities of both ends of each link
-        above = np.insert(signal[:, :-1], 0, 0.0, axis=1)
-        centres = above + (signal - above) * chain.centres / chain.lengths
-        signal = np.tile((centres @ chain.masses)[:, None], chain.n)
+    places, velocities = path.positions(), path.velocities()
+    if reading == "com":  # from both ends of each link
+        share = (chain.centres / chain.lengths)[:, None]
+        for ends in (places, velocities):
+            above = np.insert(ends[:, :-1], 0, 0.0, axis=1)
+            centres = above + (ends - above) * share
+            ends[:] = np.average(centres, axis=1, weights=chain.masses)[:, None]
+    signal = path.omega if reading == "link" else velocities[:, :, 0]
+    if reading != "link" and np.cos(theta).min() < 0.0:
+        signal = places[..., 0] * velocities[..., 1] - places[..., 1] * velocities[..., 0]
     periods = np.full(chain.n, np.nan)
     for i in range(chain.n):
         sign = np.where(np.abs(signal[:, i]) > 1e-5, np.sign(signal[:, i]), 0.0)
@@ -89,6 +121,16 @@ def by_frames(chain, theta, reading, duration, dt=1e-3, omega=0.0):
         pytest.param(
             "com", Chain([1.0, 0.4], [0.6, 1.0], stiffness=60.0, axial_damping=0.5), 0.5,
             marks=pytest.mark.long,
+        ),
+        ("bob", Chain.uniform(3), 1.75),
+        ("com", UNEVEN, [1.7, 1.5, 1.6, 1.9]),
+        *(
+            pytest.param(reading, chain, 1.8, marks=pytest.mark.long)
+            for reading in ("bob", "com")
+            for chain in (
+                Chain([1.0, 0.4], [0.6, 1.0], stiffness=300.0, axial_damping=0.5),
+                Chain.rods([1.0, 0.4, 2.0], [0.6, 1.0, 0.8]),
+            )
         ),
     ],
 )  # fmt: skip
@@ -210,7 +252,7 @@ def test_a_chain_without_gravity_or_overdamped_never_completes(chain):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"reading": "swing"}, "reading must be one of bob, link, height, com; got 'swing'"),
+        ({"reading": "swing"}, "must be one of bob, link, height, com, horizontal; got 'swing'"),
         ({"reading": "listing"}, "is `listing_periods` in paper/estimator.py"),
         ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, "duration must be gi"),
         ({"chain": Chain(1.0, [1.0], centres=0.0, inertias=1.0)}, "duration must .* balanced"),
@@ -230,6 +272,7 @@ def test_bad_arguments_are_refused_with_their_rule(change, message):
 def test_many_releases_have_the_bits_of_each_alone(chain, reading, count):
     rng = np.random.default_rng(count)
     theta, omega = rng.uniform(-1.2, 1.2, (2, count, chain.n))
+    theta[1::3] *= 1.5  # some beyond 90 degrees
     options = {"reading": reading, "duration": 4.0}
     together = pseudo_periods(chain, theta, omega, **options, threads=2)
     assert together.shape == (count, chain.n)

@@ -5,8 +5,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.special import ellipk
 
 from npend_gym import Chain, __version__, pseudo_periods, theory
+from npend_gym.chain import STANDARD_GRAVITY
+from npend_gym.cli import main
 from npend_gym.experiments import (
     ReleaseExperiment,
     bob_rows,
@@ -265,3 +268,31 @@ def test_an_experiment_with_many_numbers_of_rods_is_described_at_once(monkeypatc
     assert len(made) == 1
     ReleaseExperiment(n_values=[2], masses=[1.0, 2.0])
     assert len(made) == 3
+
+
+@pytest.mark.parametrize("reading", ["bob", "com", "link"])
+def test_no_percent_of_error_is_half_a_swing_beyond_a_right_angle(reading, capsys):
+    command = ["release", "-n", "1", "-a", "179deg", "-t", "1", "--spread", "0", "--json"]
+    assert main([*command, "--reading", reading]) == 0
+    row = json.loads(capsys.readouterr().out)["summary"][0]
+    small = 2.0 * np.pi * np.sqrt(1.0 / STANDARD_GRAVITY)
+    exact = small * 2.0 / np.pi * ellipk(np.sin(np.radians(179.0) / 2.0) ** 2)
+    assert row["measured_s"] == pytest.approx(exact, abs=1e-5)
+    assert row["com_s"] == pytest.approx(exact, abs=1e-5)
+    assert row["corrected_error"] < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("reading", "amplitude", "said"),
+    [
+        ("bob", 2.0, "beyond 90 degrees: bobs and com reverse around the pivot"),
+        ("com", -2.0, "beyond 90 degrees: bobs and com reverse around the pivot"),
+        ("horizontal", 2.0, "one pendulum completes in half of its period"),
+        ("height", 0.5, "one pendulum is back at its height after half of its period"),
+    ],
+)
+def test_the_table_says_which_reading_is_no_whole_swing(reading, amplitude, said):
+    plan = ReleaseExperiment(n_values=[1], amplitude=amplitude, reading=reading)
+    assert said in report.legend(plan)
+    small = ReleaseExperiment(n_values=[1], reading="bob")
+    assert report.legend(small).endswith("between these two")

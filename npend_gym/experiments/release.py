@@ -54,7 +54,7 @@ class ReleaseExperiment:
     duration : float, optional
         Time for which a release is observed [s]; by default long enough for every bob.
     reading : str
-        What completes a pseudo-period: "bob", "link", "height" or "com". See
+        What completes a pseudo-period: "bob", "link", "height", "com" or "horizontal". See
         `npend_gym.pseudo_periods`.
     masses : float or sequence
         Mass of all bobs, or of each [kg]. For each, `n_values` must be their number.
@@ -70,8 +70,9 @@ class ReleaseExperiment:
     sensor_interval : float
         Time between two samples of a sensor [s], the first at the release. At 0 there is no
         sensor: instants are exact. What it measures depends on the reading. It is the horizontal
-        velocity of the bob or of the centre of mass [m/s], or the height of the bob above where it
-        hangs [m]. For "link" it is the angular velocity of the rod [rad/s], as of a gyroscope.
+        velocity of the bob or of the centre of mass [m/s], from beyond 90 degrees the one around
+        the pivot. It is the height of the bob above where it hangs [m], or for "link" the angular
+        velocity of the rod [rad/s], as of a gyroscope.
     sensor_noise : float
         Standard deviation of each sample, in the unit of what is measured.
     sensor_offset : float

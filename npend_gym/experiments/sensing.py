@@ -13,7 +13,7 @@ from npend_gym._streams import Purpose
 from npend_gym.chain import Chain
 from npend_gym.compiled.normal import make_normal
 from npend_gym.compiled.philox import generator
-from npend_gym.period import CODES, orientation, slowest_period
+from npend_gym.period import CODES, codes_of, distances, orientation, slowest_period
 from npend_gym.physics import Trajectory, simulate
 from npend_gym.physics.energy import sincos
 from npend_gym.physics.kernels.turning_points import speed_threshold
@@ -80,7 +80,8 @@ def sensed_periods(
         signal = signals(motion, reading)
         shown = _shown(motion, signal, reading, sensor, seed)
         threshold = max(sensor.scale * _least(chain, reading), _DEVIATIONS * sensor.noise)
-        sides = orientation(chain, motion.theta[0], CODES[reading])
+        code = int(codes_of(chain, motion.theta[0], reading))
+        sides = np.sign(orientation(chain, motion.theta[0], code))
         if reading == "height":  # a bob that first rises is back on its way down
             first = np.argmax(np.abs(signal) > threshold / sensor.scale, axis=0)
             sides = np.where(signal[first, np.arange(n)] > 0.0, -1.0, 1.0)
@@ -98,10 +99,19 @@ def signals(motion: Trajectory, reading: str) -> FloatArray:
 
     That is the bob's horizontal velocity [m/s], its rod's angular velocity [rad/s], or its height
     above the start [m]. For "com" it is the horizontal velocity of the centre of mass [m/s],
-    shape (T, 1).
+    shape (T, 1). From a start beyond 90 degrees velocities around the pivot replace horizontal
+    ones, see `npend_gym.pseudo_periods`.
     """
-    chain = motion.chain
-    if reading == "bob":
+    chain, code = motion.chain, int(codes_of(motion.chain, motion.theta[0], reading))
+    if code != CODES[reading]:
+        places, velocities = motion.positions(), motion.velocities()
+        if reading == "com":
+            shares = (chain.lift / chain.lengths)[:, None] / chain.masses.sum()
+            ends = (np.diff(each, axis=1, prepend=0.0) for each in (places, velocities))
+            places, velocities = ((shares * each).sum(axis=1, keepdims=True) for each in ends)
+        turned = places[..., 0] * velocities[..., 1] - places[..., 1] * velocities[..., 0]
+        return turned / distances(chain, code)
+    if reading in ("bob", "horizontal"):
         return motion.velocities()[..., 0]
     if reading == "link":
         return motion.omega

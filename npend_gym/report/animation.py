@@ -41,6 +41,11 @@ _TITLES = {
     "com": "centre of mass going left (blue), right; dot: turned twice",
     "height": "bobs below (blue) or above their start; dot: back",
 }
+_TITLES["horizontal"] = _TITLES["bob"]
+_AROUND = {
+    "bob": "bobs going clockwise (blue) or not; dot: turned twice",
+    "com": "centre of mass going clockwise (blue) or not; dot: turned twice",
+}
 
 _T = TypeVar("_T")
 Progress = Callable[[Iterable[_T]], Iterable[_T]]
@@ -176,7 +181,8 @@ def _draw(recording: Recording) -> Figure:
         recording.periods, bobs, "o", color=BLACK, markersize=min(4.0, max(1.5, 60.0 / n)), zorder=3
     )
     axes[0].set(ylim=(n + 0.5, 0.5), ylabel="bob, from the pivot")
-    axes[0].set_title(_TITLES[recording.reading], fontsize=9)
+    titles = _AROUND if recording.is_around else _TITLES
+    axes[0].set_title(titles[recording.reading], fontsize=9)
     axes[0].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     kinetic = motion.kinetic_energy()
     lowest = min(0.0, float((motion.energy() - kinetic).min()))  # negative with a counterweight

@@ -40,9 +40,23 @@ def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
     return "\n".join([*lines, "", legend(experiment)])
 
 
+# What a reader must know of a reading beside the models, which are of whole swings
+_NOTES = {"height": "height: one pendulum is back at its height after half of its period"}
+_AROUND = "a start beyond 90 degrees: bobs and com reverse around the pivot"
+_NOTES_BEYOND = {
+    "bob": _AROUND,
+    "com": _AROUND,
+    "horizontal": "horizontal: from beyond 90 degrees one pendulum completes in half of its period",
+}
+
+
 def legend(experiment: ReleaseExperiment) -> str:
     """Return what the columns mean, and by which sensor bobs were measured, if by one."""
-    lines = [LEGEND.format(reading=experiment.reading, seed=experiment.seed)]
+    reading = experiment.reading
+    lines = [LEGEND.format(reading=reading, seed=experiment.seed)]
+    beyond = abs(experiment.amplitude) + experiment.spread > 0.5 * math.pi
+    notes = _NOTES | _NOTES_BEYOND if beyond else _NOTES
+    lines += [notes[reading]] if reading in notes else []
     sensor = experiment.sensor
     if sensor.interval > 0.0:
         lines.append(

@@ -90,7 +90,7 @@ class AmplitudeLaw:
         b and d in 1/rad^2.
     exact : float, optional
         The exact c, from the linearised equations, the mean of several chains: known for equal rods
-        and masses without damping and the readings "bob" and "com".
+        and masses without damping and the readings "bob", "horizontal" and "com".
     points : tuple of CellResult
     residuals : ndarray
         Measured over law, minus one, of each point.
@@ -251,4 +251,6 @@ def _exact_com(n: int) -> float:
     return float(theory.com_period(chain)) / theory.fundamental_period(chain)
 
 
-_EXACT = {"bob": _exact_median, "com": _exact_com}  # by reading
+_EXACT = {  # by reading
+    "bob": _exact_median, "horizontal": _exact_median, "com": _exact_com,
+}  # fmt: skip

@@ -66,7 +66,7 @@ class CampaignPlan:
     damping : float or list of float
         Viscous damping of every joint [N m s].
     reading : str or list of str
-        What completes a pseudo-period: "bob", "link", "height" or "com". See
+        What completes a pseudo-period: "bob", "link", "height", "com" or "horizontal". See
         `npend_gym.pseudo_periods`.
     amplitude : float or list of float
         Angle of all rods at the start, where they are at rest [rad].

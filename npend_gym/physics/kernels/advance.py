@@ -173,8 +173,8 @@ def advance_group(
                 _wait(group, h, rest)
             if tracked or (substep + 1 == timing[Timing.SUBSTEPS] and not more):
                 bob_velocities(group, rest[Scratch.SIN], rest[Scratch.COS])
-            threshold = numbers[Member.THRESHOLD, g]
-            if tracked and mark(group, with_com, threshold, h, active, rest):
+            threshold, around = numbers[Member.THRESHOLD, g], numbers[Member.AROUND, g] > 0.0
+            if tracked and mark(group, with_com, around, threshold, h, active, rest):
                 follow_marked(numbers, g, group, width, rest)
                 with_com = com_waits(numbers, g, group)
                 tracked = with_com or bobs_wait(numbers, g, n)

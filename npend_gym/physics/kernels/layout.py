@@ -44,6 +44,7 @@ class MemberFields(NamedTuple):
     ACTIVE: int = 5  # 1 where the next step is to be taken, else 0
     GRAVITY: int = 6  # m/s^2
     WITH_COM: int = 7  # 1 where the pseudo-period of the centre of mass is measured too
+    AROUND: int = 8  # 1 where velocities around the pivot count: a rod began beyond 90 degrees
 
 
 Member: MemberFields = MemberFields()
@@ -89,11 +90,12 @@ class ScratchFields(NamedTuple):
     VELOCITY: int = 6
     ACCELERATION: int = 7  # of the bobs, horizontal, at the start of the substep [m/s^2]
     ACCELERATION_END: int = 8
-    MARKED: int = 9  # 1 for bobs that may have turned
-    OBSERVED: int = 10  # what is observed: for the environments
-    DISSIPATED: int = 11  # first entry: J that damping and drag have taken in the step
-    SINCE: int = 12  # first entry: s from the start of the step to that of the substep
-    DURATION: int = 13  # first entry: s, of the substep
+    VELOCITY_END: int = 9  # of the bobs and the centre of mass around the pivot
+    MARKED: int = 10  # 1 for bobs that may have turned
+    OBSERVED: int = 11  # what is observed: for the environments
+    DISSIPATED: int = 12  # first entry: J that damping and drag have taken in the step
+    SINCE: int = 13  # first entry: s from the start of the step to that of the substep
+    DURATION: int = 14  # first entry: s, of the substep
 
 
 Scratch: ScratchFields = ScratchFields()

@@ -84,8 +84,17 @@ def write_chain(
 def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) -> None:
     """Begin to measure member `k` from its present state: time, work, turning points."""
     g, lane = k // width, k % width
-    rows, total, fastest = rods[g], 0.0, 0.0
+    rows, total, fastest, lift = rods[g], 0.0, 0.0, 0.0
     position, velocity, moment, momentum, mass = 0.0, 0.0, 0.0, 0.0, 0.0
+    around = False
+    for i in range(n):
+        r = i * width + lane
+        _, c = sincos(rows[Rod.THETA, r])
+        around = around or rows[Rod.CARRIED, r] * c < 0.0
+        lift += abs(rows[Rod.CARRIED, r])
+        mass += rows[Rod.MASS, r]
+    members[Member.AROUND, k] = 1.0 if around else 0.0
+    side = down = up = moment_down = moment_up = 0.0
     for i in range(n):
         r = i * width + lane
         length, omega = rows[Rod.LENGTH, r], rows[Rod.OMEGA, r]
@@ -93,16 +102,27 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
         total += length
         fastest = max(fastest, abs(omega))
         position += length * s
+        # a link that rests upright falls away from its side
+        side += -length * s if around and rows[Rod.CARRIED, r] < 0.0 else length * s
         velocity += length * (omega * c)
+        down += length * c
+        up += length * (omega * s)
         moment += rows[Rod.CARRIED, r] * s
         momentum += rows[Rod.CARRIED, r] * (omega * c)
-        mass += rows[Rod.MASS, r]
-        rows[Rod.ORIENTATION, r] = -1.0 if position < 0.0 else 1.0
+        moment_down += rows[Rod.CARRIED, r] * c
+        moment_up += rows[Rod.CARRIED, r] * (omega * s)
+        scale = 1.0 / total if around else 1.0
+        rows[Rod.ORIENTATION, r] = -scale if side < 0.0 else scale
         rows[Rod.VELOCITY, r] = velocity
+        rows[Rod.SIGN, r] = position * up + down * velocity if around else velocity
         rows[Rod.PERIOD, r] = rows[Rod.ZERO, r] = math.nan
         rows[Rod.RISEN, r] = 0.0
     last = n * width + lane
-    rows[Rod.ORIENTATION, last] = -1.0 if moment < 0.0 else 1.0
+    scale = 1.0 / (mass * lift) if around else 1.0
+    rows[Rod.ORIENTATION, last] = -scale if moment < 0.0 else scale
+    rows[Rod.SIGN, last] = momentum / mass
+    if around:
+        rows[Rod.SIGN, last] = moment * moment_up + moment_down * momentum
     rows[Rod.PERIOD, last] = math.nan if members[Member.WITH_COM, k] > 0.0 else 0.0
     rows[Rod.ZERO, last] = math.nan
     rows[Rod.RISEN, last] = 0.0
@@ -111,8 +131,9 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
     threshold = members[Member.THRESHOLD, k] = _speed_threshold(natural, fastest) * mean
     for i in range(n + 1):
         r = i * width + lane
-        now = rows[Rod.VELOCITY, r] if i < n else momentum / mass
-        rows[Rod.SIGN, r] = latest_sign(rows[Rod.ORIENTATION, r] * now, threshold, 0.0)
+        rows[Rod.SIGN, r] = latest_sign(
+            rows[Rod.ORIENTATION, r] * rows[Rod.SIGN, r], threshold, 0.0
+        )
     members[Member.TIME, k] = members[Member.WORK, k] = 0.0
     members[Member.COMPLETED, k] = members[Member.DIVERGED, k] = 0.0
 

@@ -4,6 +4,7 @@ Each step is cut into subintervals at whose ends signals and slopes (see `turnin
 from the dense output; those that may hold a turning point are followed, rod by rod.
 """
 
+# ruff: noqa: ARG001  rods of all kinds share the parameters of a kernel
 from __future__ import annotations
 
 import math
@@ -27,7 +28,9 @@ from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
 from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.kernels.tensions import ChainArrays
 from npend_gym.physics.kernels.turning_points import (
+    AROUND,
     COM,
+    COM_AROUND,
     HEIGHT,
     LINK,
     Interval,
@@ -146,6 +149,49 @@ def _along_rod(
 
 
 @inlined_kernel
+def _rigid_length(solver: Solver, x: float, i: int, rods: FloatArray) -> tuple[float, float, float]:
+    return rods[i], 0.0, 0.0
+
+
+@inlined_kernel
+def _spring_length(
+    solver: Solver, x: float, i: int, rods: Stretching
+) -> tuple[float, float, float]:
+    size = solver.y.size // 2
+    first = size - rods.length.size
+    stretch, _ = _moving(solver, x, first + i)
+    growth, change = _moving(solver, x, size + first + i)
+    return rods.length[i] + stretch, growth, change
+
+
+@chosen_by_type("rods", {0: _rigid_length, Stretching: _spring_length})
+def _length(solver: Solver, x: float, i: int, rods: Rods) -> tuple[float, float, float]:
+    """Return the length of rod `i` at fraction `x` of the step, and its two time derivatives."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def _signals_around(solver: Solver, x: float, last: int, release: Release, rods: Rods) -> None:
+    """Write signal and slope of rods 0 to `last` around the pivot at fraction `x` of the step."""
+    record, signal, slope = release.record, release.scratch[_SIGNAL], release.scratch[_SLOPE]
+    of_com, velocities = release.reading == COM_AROUND, solver.y.size // 2
+    px = py = vx = vy = ax = ay = 0.0
+    for i in range(record.per_rod.size if of_com else last + 1):
+        theta, _ = _moving(solver, x, i)
+        omega, alpha = _moving(solver, x, velocities + i)
+        r, growth, change = _length(solver, x, i, rods)
+        s, c = sincos(theta)
+        k, speed = record.per_rod[i], r * omega
+        along, across = change - speed * omega, r * alpha + 2.0 * (growth * omega)
+        px, py = px + k * (r * s), py - k * (r * c)
+        vx, vy = vx + k * (speed * c + growth * s), vy + k * (speed * s - growth * c)
+        ax, ay = ax + k * (across * c + along * s), ay + k * (across * s - along * c)
+        own = 0 if of_com else i
+        signal[own] = record.orientation[own] * (px * vy - py * vx)
+        slope[own] = record.orientation[own] * (px * ay - py * ax)
+
+
+@inlined_kernel
 def _signal_of_com(solver: Solver, x: float, release: Release, rods: Rods) -> None:
     """Write signal and slope of the centre of mass at fraction `x` of the step.
 
@@ -170,6 +216,9 @@ def _signals(solver: Solver, x: float, first: int, last: int, release: Release, 
     reading, record = release.reading, release.record
     if reading == COM:
         _signal_of_com(solver, x, release, rods)
+        return
+    if reading >= AROUND:
+        _signals_around(solver, x, last, release, rods)
         return
     velocities = solver.y.size // 2
     signal, slope = release.scratch[_SIGNAL], release.scratch[_SLOPE]

@@ -1,7 +1,9 @@
 """Which bobs turn within a substep of many chains, and when; and their centres of mass.
 
 `mark` finds the few that must be looked at, in all lanes together, and `follow_marked` follows
-these alone. The centre of mass has the last entry of the record, where it is measured.
+these alone. The centre of mass has the last entry of the record, where it is measured. Of a chain
+that began beyond 90 degrees the velocities around the pivot count (see `turning_points`). Those of
+the centre of mass are kept times the square of the chain's mass.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import lane
-from npend_gym.compiled.jit import inlined_kernel, outlined_kernel
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, outlined_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dynamics import accelerations
@@ -52,11 +54,14 @@ def _mark_one(
 
 
 @inlined_kernel
-def mark(group: Group, with_com: bool, threshold: Any, h: Any, active: Any, scratch: Any) -> bool:
+def mark(
+    group: Group, with_com: bool, around: Any, threshold: Any, h: Any, active: Any, scratch: Any
+) -> bool:
     """Update the signs of the velocities; mark the bobs that must be followed instead.
 
     Those of `active` members that have not completed their period; others are left alone. The
-    centre of mass, if it is measured, comes after them.
+    centre of mass, if it is measured, comes after them. `around` says in which lanes velocities
+    around the pivot count.
 
     Marked are bobs that may complete their period in the substep, and those that may have turned
     twice in it: their velocity kept its sign, but by the acceleration at the end it would have been
@@ -67,26 +72,42 @@ def mark(group: Group, with_com: bool, threshold: Any, h: Any, active: Any, scra
     s, c, alpha = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[RK4 + K_4]
     omega, length, record, n = group.omega, group.chain.length, group.record, group.velocity.size
     marks, before, acceleration = scratch[Scratch.MARKED], scratch[Scratch.VELOCITY], 0.0
-    found = threshold < 0.0  # in no lane
+    found, any_around = threshold < 0.0, any_of(around)  # found in no lane
+    right = down = up = up_acceleration = 0.0  # the bob's place, velocity and acceleration
     for i in range(n):
         acceleration = acceleration + length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
-        marked = _mark_one(
-            record, i, before[i], group.velocity[i], acceleration, threshold, h, active
-        )
+        u, v, a = before[i], group.velocity[i], acceleration
+        if any_around:
+            right, down = right + length[i] * s[i], down + length[i] * c[i]
+            up = up + length[i] * (omega[i] * s[i])
+            lifted = alpha[i] * s[i] + (omega[i] * omega[i]) * c[i]
+            up_acceleration = up_acceleration + length[i] * lifted
+            u = where(around, record.orientation[i] * record.sign[i], u)  # its sign is enough
+            v = where(around, right * up + down * v, v)
+            a = where(around, right * up_acceleration + down * a, a)
+        marked = _mark_one(record, i, u, v, a, threshold, h, active)
         marks[i] = where(marked, 1.0, 0.0)
         found = found | marked
     if with_com:
         momentum = force = mass = 0.0
+        right = down = up = up_acceleration = 0.0
         for i in range(n):
             mass = mass + group.mass[i]
             momentum = momentum + group.carried[i] * (omega[i] * c[i])
             turned = alpha[i] * c[i] - (omega[i] * omega[i]) * s[i]
             force = force + group.carried[i] * turned
+            if any_around:
+                right, down = right + group.carried[i] * s[i], down + group.carried[i] * c[i]
+                up = up + group.carried[i] * (omega[i] * s[i])
+                lifted = alpha[i] * s[i] + (omega[i] * omega[i]) * c[i]
+                up_acceleration = up_acceleration + group.carried[i] * lifted
+        velocity, change = momentum / mass, force / mass
+        if any_around:
+            velocity = where(around, right * up + down * momentum, velocity)
+            change = where(around, right * up_acceleration + down * force, change)
         # its velocity before the substep is not known, but its sign
         before_it = record.orientation[n] * record.sign[n]
-        marked = _mark_one(
-            record, n, before_it, momentum / mass, force / mass, threshold, h, active
-        )
+        marked = _mark_one(record, n, before_it, velocity, change, threshold, h, active)
         marks[n] = where(marked, 1.0, 0.0)
         found = found | marked
     marks[n + 1] = where(found, 1.0, 0.0)
@@ -120,12 +141,34 @@ def _find_accelerations(chain: Group, scratch: FloatArray) -> None:
         scratch[Scratch.ACCELERATION_END, i] = total_end
 
 
+@inner_kernel
+def _go_around(
+    chain: Group, theta: FloatArray, omega: FloatArray, alpha: FloatArray, velocity: FloatArray,
+    change: FloatArray,
+) -> None:  # fmt: skip
+    """Write the velocities around the pivot of bobs and centre of mass in a state, and changes."""
+    n = chain.velocity.size
+    for of_com in (False, True):
+        px = py = vx = vy = ax = ay = 0.0
+        for i in range(n):
+            s, c = sincos(theta[i])
+            k, own = chain.carried[i] if of_com else chain.chain.length[i], n if of_com else i
+            px, py = px + k * s, py - k * c
+            vx, vy = vx + k * (omega[i] * c), vy + k * (omega[i] * s)
+            ax = ax + k * (alpha[i] * c - (omega[i] * omega[i]) * s)
+            ay = ay + k * (alpha[i] * s + (omega[i] * omega[i]) * c)
+            velocity[own] = px * vy - py * vx
+            change[own] = px * ay - py * ax
+
+
 @inlined_kernel
-def _cubic_of(chain: Group, i: int, h: float, scratch: FloatArray) -> Cubic:
+def _cubic_of(chain: Group, i: int, around: bool, h: float, scratch: FloatArray) -> Cubic:
     """Return the velocity in a substep of a bob, or of the centre of mass, on its own side."""
     side, before = chain.record.orientation[i], scratch[Scratch.VELOCITY]
     begin, end = scratch[Scratch.ACCELERATION], scratch[Scratch.ACCELERATION_END]
-    if i < chain.velocity.size:
+    if around:
+        f, df, g, dg = before[i], begin[i], scratch[Scratch.VELOCITY_END, i], end[i]
+    elif i < chain.velocity.size:
         f, df, g, dg = before[i], begin[i], chain.velocity[i], end[i]
     else:
         f, df = _of_com(chain, before), _of_com(chain, begin)
@@ -134,18 +177,30 @@ def _cubic_of(chain: Group, i: int, h: float, scratch: FloatArray) -> Cubic:
 
 
 @inlined_kernel
-def _follow_chain(chain: Group, t: float, threshold: float, scratch: FloatArray) -> int:
+def _follow_chain(
+    chain: Group, around: bool, t: float, threshold: float, scratch: FloatArray
+) -> int:
     """Follow what is marked of one chain through a substep of a step that began at `t` [s].
 
     Return how many bobs have completed their pseudo-period.
     """
     _find_accelerations(chain, scratch)
+    if around:
+        rk4 = scratch[RK4:]
+        _go_around(
+            chain, scratch[Scratch.THETA], scratch[Scratch.OMEGA], rk4[0],
+            scratch[Scratch.VELOCITY], scratch[Scratch.ACCELERATION],
+        )  # fmt: skip
+        _go_around(
+            chain, chain.theta, chain.omega, rk4[1], scratch[Scratch.VELOCITY_END],
+            scratch[Scratch.ACCELERATION_END],
+        )  # fmt: skip
     n, record, completed = chain.velocity.size, chain.record, 0
     h, rule = scratch[Scratch.DURATION, 0], Rule(BOB, threshold, _ROOT_TOLERANCE)
     t += scratch[Scratch.SINCE, 0]
     for i in range(n + 1):
         if scratch[Scratch.MARKED, i] == 1.0 and h > 0.0:
-            cubic = _cubic_of(chain, i, h, scratch)
+            cubic = _cubic_of(chain, i, around, h, scratch)
             if math.isfinite(cubic.g):
                 _, slope = cubic_at(cubic, 0.0)
                 _, slope_end = cubic_at(cubic, 1.0)
@@ -169,8 +224,9 @@ def follow_marked(
         own, member = lane(scratch, k), lane(numbers, k)
         if own[Scratch.MARKED, n + 1] == 0.0:
             continue
+        around = member[Member.AROUND, g] > 0.0
         member[Member.COMPLETED, g] = _follow_chain(
-            lane(group, k), member[Member.TIME, g], member[Member.THRESHOLD, g], own
+            lane(group, k), around, member[Member.TIME, g], member[Member.THRESHOLD, g], own
         )
 
 

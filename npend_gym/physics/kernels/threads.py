@@ -204,7 +204,7 @@ def adjoint_shapes(n: int, terms: int, lanes: int, substeps: int) -> list[tuple[
 
 @inlined_kernel
 def no_marks(
-    group: Any, with_com: bool, threshold: Any, h: Any, active: Any, scratch: FloatArray
+    group: Any, with_com: bool, around: Any, threshold: Any, h: Any, active: Any, scratch: Any
 ) -> bool:
     """Stand for `reversals.mark`: no turning point is followed."""
     return False

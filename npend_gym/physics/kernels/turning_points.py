@@ -2,14 +2,20 @@
 
 A *signal* is a quantity of one rod, or of the chain, whose zeros are turning points of a reading:
 
-=======  ============================================  =========================
-reading  signal                                        slope
-=======  ============================================  =========================
-BOB      horizontal velocity of the bob                its horizontal acceleration
-LINK     angular velocity of the rod                   its angular acceleration
-HEIGHT   height of the bob above its start             its vertical velocity
-COM      horizontal velocity of the centre of mass     its horizontal acceleration
-=======  ============================================  =========================
+==========  ============================================  =========================
+reading     signal                                        slope
+==========  ============================================  =========================
+BOB         horizontal velocity of the bob                its horizontal acceleration
+LINK        angular velocity of the rod                   its angular acceleration
+HEIGHT      height of the bob above its start             its vertical velocity
+COM         horizontal velocity of the centre of mass     its horizontal acceleration
+AROUND      velocity of the bob around the pivot          its change
+COM_AROUND  velocity of the centre of mass around it      its change
+==========  ============================================  =========================
+
+A bob that passes 90 degrees reverses its horizontal velocity there, in the middle of a swing. So
+the last two stand for BOB and COM where a rod is released from beyond. With the place r from the
+pivot their signal is r x v over the distance in a straight chain, and the slope r x a over it.
 
 A motion is cut into intervals in which signal and slope are known at any fraction of a step: by the
 dense output of DOP853, or as the cubic through both ends. Where the slope changes its sign within
@@ -29,7 +35,7 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 
-BOB, LINK, HEIGHT, COM = 0, 1, 2, 3
+BOB, LINK, HEIGHT, COM, AROUND, COM_AROUND = range(6)
 _THRESHOLD = 1e-6  # of sqrt(g/l): below it a sign is rounding noise
 _MAX_ITERATIONS = 100
 
@@ -41,12 +47,15 @@ class Record(NamedTuple):
     """
 
     period: FloatArray  # s; NaN: not complete yet
-    orientation: FloatArray  # +1 where the rod was released from positive angles, else -1
+    # +1 where the rod was released from positive angles, else -1; around the pivot over the
+    # distance of the bob, or of the centre of mass, in a straight chain [m]
+    orientation: FloatArray
     sign: FloatArray  # of the signal, once it counted; 0 before
     risen: FloatArray  # 1 where the signal has crossed from - to +
     zero: FloatArray  # s; latest zero of the signal
     # For HEIGHT: the angle at the start; where rods stretch, how far each reaches down there [m].
-    # For COM: what moves with the end of each rod, from its own joint, over the whole mass.
+    # For COM: what moves with the end of each rod, from its own joint, over the whole mass; so for
+    # COM_AROUND, and ones for AROUND.
     per_rod: FloatArray
 
 
