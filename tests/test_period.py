@@ -49,10 +49,10 @@ def test_a_link_that_rests_upright_has_the_period_of_the_elliptic_integral(readi
     np.testing.assert_allclose(exact, expected, rtol=0, atol=1e-8)
     sensed = sensed_periods(chain, start, reading, Sensor(0.002), 20.0, 0)
     np.testing.assert_allclose(sensed, expected, rtol=0, atol=1e-4)
-    ensemble = Ensemble([chain])
-    ensemble.set_state(start, 0.0)
+    ensemble = Ensemble(chain, 1)
+    ensemble.set_state(0, [start])
     for _ in range(200):
-        ensemble.advance(0.05)
+        ensemble.advance(0.0, 0.05)
     found = ensemble.pseudo_periods  # of bobs
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
