@@ -272,6 +272,19 @@ def test_the_folder_is_a_partitioned_data_set_with_its_provenance(undisturbed):
     cells = read_part(undisturbed / "cells.parquet").to_pylist()
     assert [(c["n"], c["amplitude_rad"]) for c in cells] == [(2, 0.3), (2, 0.7), (3, 0.3), (3, 0.7)]
     part = part_of(undisturbed, RELEASES, next(SMALL.tasks()))
+    releases = ds.dataset(undisturbed / RELEASES, partitioning="hive").to_table()
+    found = {
+        name: str(table.schema.field(name).type)
+        for table in (bobs, releases)
+        for name in table.column_names
+    }
+    whole = {"cell": "int64", "trial": "int64", "completed": "int32", "bob": "int32", "n": "int32"}
+    assert {name: kind for name, kind in found.items() if kind != "double"} == whole
+    assert (cells[0]["cell"], min(bobs["bob"].to_pylist()), min(bobs["trial"].to_pylist())) == (
+        0,
+        1,
+        1,
+    )
     record = json.loads(read_part(part).schema.metadata[b"npend_gym"])
     assert record["arguments"] == {"plan": SMALL.digest, "task": "n2-0000000"}
     assert record["seed"] == 4

@@ -34,7 +34,8 @@ class Event:
         rest [J]; or "flip": the rod stands upright, in whatever turn. Velocity and energy are
         relative to the pivot, which may be on a cart.
     rod : int
-        Counted from 0 at the pivot; -1 is the last.
+        Counted from 0 at the pivot, as entries of arrays; -1 is the last. In tables of releases and
+        campaigns bobs count from 1, so bob k hangs on rod k - 1.
     value : float
         The event is where the quantity less `value` is zero.
     direction : {-1, 0, 1}
