@@ -280,9 +280,8 @@ def _guesses(
     near = np.stack([rng.uniform(-_START, _START, config.state_size) for rng in generators])
     # MPC may never stand up on a short rail; its motion on a longer one can be made to fit
     for longer in (1.0,) if config.rail is None else (1.0, _LONGER):
-        far = config.rail if longer > 1.0 else None
-        rail: dict[str, Any] = {} if far is None else {"rail": longer * far}
-        on_rail = EnvConfig(**keywords_of(config) | rail) if rail else config
+        rail = {} if config.rail is None else {"rail": longer * config.rail}
+        on_rail = EnvConfig(**keywords_of(config) | rail) if longer > 1.0 else config
         motions = mpc_motions(
             on_rail, near + problem.begin, problem.goal, problem.steps, problem.place
         )
