@@ -279,9 +279,11 @@ def _guesses(
         return
     near = np.stack([rng.uniform(-_START, _START, config.state_size) for rng in generators])
     # MPC may never stand up on a short rail; its motion on a longer one can be made to fit
-    for longer in (1.0,) if config.rail is None else (1.0, _LONGER):
-        rail = {} if config.rail is None else {"rail": longer * config.rail}
-        on_rail = EnvConfig(**keywords_of(config) | rail) if longer > 1.0 else config
+    rails = [config]
+    if config.rail is not None:
+        longer: dict[str, Any] = keywords_of(config) | {"rail": _LONGER * config.rail}
+        rails.append(EnvConfig(**longer))
+    for on_rail in rails:
         motions = mpc_motions(
             on_rail, near + problem.begin, problem.goal, problem.steps, problem.place
         )
