@@ -116,7 +116,7 @@ def test_a_cart_comes_to_stand_where_it_is_to_stand(make):
 
 @pytest.mark.long
 @pytest.mark.parametrize("guess", ["waves", "mpc"])
-def test_a_plan_ends_with_the_cart_where_it_is_to_end(guess):
+def test_a_plan_ends_with_the_cart_where_it_is_to_end(guess, tmp_path):
     keywords = CART | {"mode": "swingup"}
     config = EnvConfig(**keywords)
     plan = rl.planned_swing_up(config, 5.0, tries=2, guess=guess, cart_position=0.7)
@@ -128,10 +128,11 @@ def test_a_plan_ends_with_the_cart_where_it_is_to_end(guess):
     crane = rl.planned_transition(config, 0.0, 0.0, 5.0, tries=2, guess=guess, cart_position=0.7)
     at_last = last_state(crane, keywords, resting(config, HANGING), 15.0)
     np.testing.assert_allclose(at_last, np.tile([0.0, 0.7, 0.0, 0.0], (2, 1)), atol=0.02)
-    plans = rl.PlannedTransitions({((False,), (True,)): plan})
+    rl.PlannedTransitions({((False,), (True,)): plan}).save(tmp_path / "plans.npz")
+    (again,) = rl.PlannedTransitions.load(tmp_path / "plans.npz", config).plans.values()
+    assert again.hold_goal.cart_position == 0.7
     with pytest.raises(ValueError, match=r"cart_position must lie within \+-1\.7 m, 0\.85 of the"):
         rl.planned_swing_up(config, 5.0, cart_position=1.9)
-    assert plans.config is config
 
 
 @pytest.mark.long
