@@ -185,7 +185,7 @@ def test_the_joints_of_an_environment_are_those_of_its_linearisation():
 )
 def test_the_force_on_a_cart_among_joints_that_lack_it_is_refused(make):
     with pytest.raises(
-        ValueError, match=r"joints must be between 0 and 1.* 2 would be the force on"
+        ValueError, match=r"joint must be between 0 and 1.* 2 would be the force on"
     ):
         make()
 

@@ -118,7 +118,7 @@ def checked_joints(joints: Iterable[int], n: int) -> list[int]:
     named = _checks.listed("joints", joints, "(0,)")
     if any(isinstance(j, Integral) and j == n for j in named):
         raise ValueError(
-            f"joints must be between 0 and {n - 1}, got {_checks.show(named)}: {n} would be the "
+            f"joint must be between 0 and {n - 1}, got {_checks.show(named)}: {n} would be the "
             "force on a cart, which this chain lacks, or which is an argument of its own, force"
         )
     listed = [_checks.count("joint", j, low=0, high=n - 1) for j in named]
