@@ -90,8 +90,15 @@ def within(name: str, value: FloatArray, limit: float) -> FloatArray:
 
 def in_radians(limit: str, angle: float) -> str:
     """Return "within `limit` rad, got `angle`", and what `angle` is should it be in degrees."""
-    degrees = f": {angle:g} degrees are {math.radians(angle):.4g} rad"
-    return f"within {limit} rad, got {angle:g}" + (degrees if abs(angle) > math.tau else "")
+    text = f"within {limit} rad, got {angle:g}"
+    if abs(angle) <= math.tau:
+        return text
+    return f"{text}: {angle:g} degrees are {math.radians(angle):.4g} rad ({converts(angle)})"
+
+
+def converts(degrees: float) -> str:
+    """Return how angles such as `degrees` are made radians: in Python, and by the commands."""
+    return f"np.radians converts; npend takes {degrees:g}deg"
 
 
 def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:

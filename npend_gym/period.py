@@ -196,9 +196,7 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
     if not np.any(given["omega"]):
         largest = float(np.abs(given["theta"]).max(initial=0.0))
         if largest > 2.0 * np.pi:
-            raise ValueError(
-                f"theta must be {_checks.in_radians('2 pi', largest)} (np.radians converts)"
-            )
+            raise ValueError(f"theta must be {_checks.in_radians('2 pi', largest)}")
     warn_of_degrees("theta", given["theta"])
     rows = [array.shape[:1] for array in given.values() if array.ndim == 2]
     shape = (*max(rows, default=()), chain.n)

@@ -74,6 +74,33 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
     assert options.width == pytest.approx(radians)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "start",
+    [
+        ["-c", "import sys; from npend_gym.cli import main; sys.exit(main(sys.argv[1:]))"],
+        ["-m", "npend_gym"],
+    ],
+)
+def test_degrees_in_place_of_radians_bring_one_plain_line_however_a_command_is_started(start):
+    words = ["simulate", "--theta", "120,-10", "--duration", "0.1"]
+    line = [sys.executable, *start, *words]
+    done = subprocess.run(line, check=True, capture_output=True, text=True)
+    assert done.stderr == (
+        "npend simulate: theta reaches 120 rad, 19.1 turns: are these degrees? They must be radians"
+        " (np.radians converts; npend takes 120deg)\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "words", ["release -n 2 -a 45", "chaos map --centre 45,1", "campaign -a 45 --out results"]
+)
+def test_degrees_that_no_command_takes_are_refused_with_how_to_write_them(words, capsys):
+    with pytest.raises(SystemExit):
+        main(words.split())
+    assert "npend takes 45deg" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("text", "value"), [
     (".5", 0.5), ("1.", 1.0), ("+2", 2.0), ("-.5e-1", -0.05), ("[1, 2]", [1, 2]), ("1_0", "1_0"),
 ])  # fmt: skip

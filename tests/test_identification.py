@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from npend_gym import Chain, Signal, identify, simulate
+from npend_gym import Chain, Signal, identify, simulate, theory
 from npend_gym.identification import prediction_rmse, read_motion
 from npend_gym.identification.least_squares import solve
 from npend_gym.identification.motion import check_motion
@@ -164,6 +164,7 @@ def test_turns_do_not_hide_that_a_chain_moves_otherwise_than_the_data():
         identify(times, theta, chain=Chain.uniform(1), fit=["damping"])
 
 
+@pytest.mark.filterwarnings("ignore:standard errors are large")
 def test_a_chain_that_moves_otherwise_than_the_data_brings_a_warning():
     times = np.arange(0.0, 3.0, 0.02)
     theta = simulate(Chain.uniform(2), [0.8, 0.1], 0.0, times).theta
@@ -171,13 +172,82 @@ def test_a_chain_that_moves_otherwise_than_the_data_brings_a_warning():
         identify(times, theta[:, ::-1], chain=Chain.uniform(2), held_out=0.0)
 
 
-@pytest.mark.filterwarnings("ignore:the fitted chain", "ignore:the fit found")
 @pytest.mark.parametrize("n", [1, 2])
-def test_angles_from_upright_bring_a_warning_that_says_so(n):
+def test_angles_from_upright_end_with_an_error_that_says_so(n):
     times = np.arange(0.0, 6.0, 0.01)
     theta = simulate(Chain.uniform(n), 1.2, 0.0, times).theta
-    with pytest.warns(UserWarning, match="times better if they are from where it stands upright"):
+    with pytest.raises(ValueError, match="times better if they were from where it stands upright"):
         identify(times, theta - np.pi, chain=Chain.uniform(n), held_out=0.0)
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 1.0])
+@pytest.mark.parametrize("term", [{}, {"damping": 0.0083}, {"friction": 0.002},
+                                  {"quadratic_drag": 0.02}])  # fmt: skip
+@pytest.mark.parametrize("lengths", [[0.7], [0.4, 0.3]])
+def test_of_damping_friction_and_drag_those_are_fitted_that_there_are(lengths, term, amplitude):
+    n, times = len(lengths), np.arange(0.0, 20.0, 0.02)
+    true = Chain([0.5] * n, lengths, **term)
+    theta = noisy(simulate(true, amplitude, 0.0, times).theta)
+    found = identify(times, theta, chain=Chain([0.5] * n, lengths))
+    resisting = {name[:-1] for name in found.names} - {"inertia", "lift"}
+    assert resisting == set(term)
+    assert np.abs(deviations(found, true)).max() < 4.0
+    left = {"damping", "friction", "quadratic_drag"} - set(term)
+    assert {sentence.partition(":")[0] for sentence in found.left_out} == left
+    assert all(getattr(found.chain, name).max(initial=0.0) == 0.0 for name in left)
+    for name in term:
+        assert np.all(found.chain_errors[name] < 0.5 * getattr(true, name))
+
+
+def test_terms_that_the_user_names_are_all_fitted():
+    times = np.arange(0.0, 20.0, 0.02)
+    theta = noisy(simulate(Chain([0.5], [0.7], damping=0.0083), 0.3, 0.0, times).theta)
+    named = ["inertia", "damping", "friction", "quadratic_drag"]
+    found = identify(times, theta, chain=Chain([0.5], [0.7]), fit=named)
+    assert found.names == ("inertia0", "damping0", "friction0", "quadratic_drag0")
+    assert found.left_out == ()
+
+
+@pytest.mark.parametrize("known", ["damping", "friction", "quadratic_drag"])
+def test_a_term_that_was_given_rightly_stays_and_tells_the_others_apart(known):
+    """Swings up to 0.2 rad hardly tell three terms apart."""
+    true = {"damping": 0.004, "friction": 0.004, "quadratic_drag": 0.02}
+    times, bob = np.arange(0.0, 20.0, 0.02), Chain([0.5], [0.7], **true)
+    theta = noisy(simulate(bob, 0.2, 0.0, times).theta)
+    found = identify(times, theta, chain=Chain([0.5], [0.7], **{known: true[known]}))
+    assert [one.partition(";")[0] for one in found.left_out] == [f"{known}: as given"]
+    assert getattr(found.chain, known) == pytest.approx([true[known]])
+    assert np.abs(deviations(found, bob)).max() < 3.0
+    assert np.all(found.standard_errors < 0.15 * found.values)
+
+
+def test_what_is_held_out_is_chosen_after_segments_became_shorter():
+    times = np.arange(0.0, 2.0, 0.01)
+    theta = simulate(Chain([0.05, 0.005], [0.09, 0.07]), [-3.11, -3.05], 0.0, times).theta
+    theta += 0.01 * np.random.default_rng(0).normal(size=theta.shape)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "theta reaches")
+        found = identify(times, theta, chain=Chain([0.03, 0.002], [0.09, 0.07]))
+    assert [one["held_out"] for one in found.segments] == [False] * 3 + [True]
+    assert found.held_out_rmse == pytest.approx(0.01, rel=0.15)
+    fitted, held = ({(one["start"], one["end"]) for one in found.segments if one["held_out"] == h}
+                    for h in (False, True))  # fmt: skip
+    assert all(end < a or start > b for start, end in held for a, b in fitted)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_small_periods_are_those_of_the_normal_modes_within_their_errors(n):
+    true = Chain.rods([0.5] * n, [0.4] * n)
+    times = np.arange(0.0, 10.0, 0.02)
+    theta = noisy(simulate(true, 0.5 + 0.3 * np.arange(n), 0.0, times).theta)
+    known = Chain([0.5] * n, [0.4] * n, centres=[0.2] * n)
+    found = identify(times, theta, chain=known, fit=["inertia", "lift"])
+    periods = 2.0 * np.pi / theory.normal_modes(true)[0]
+    assert np.abs((found.small_periods - periods) / found.small_period_errors).max() < 4.0
+    assert np.all(found.small_period_errors < 2e-3 * periods)
+    assert found.equivalent_lengths == pytest.approx(9.81 * (periods / 2.0 / np.pi) ** 2, rel=0.01)
+    assert n > 1 or found.equivalent_lengths == pytest.approx([2.0 / 3.0 * 0.4], rel=1e-3)
 
 
 def test_torques_tell_the_scale_and_free_swings_do_not():

@@ -67,7 +67,9 @@ def found():
         chain=Chain.uniform(1), names=("inertia0", "damping0", "friction0"),
         units=("kg m^2", "N m s/rad", "N m"), values=np.array([1.0, 0.0, 0.1]),
         standard_errors=np.array([0.01, 1e-5, np.inf]), correlation=np.eye(3), chain_errors={},
-        offsets=np.zeros(1), given_rmse=np.nan, segments=(segment,),
+        offsets=np.zeros(1), left_out=("damping: zero",), small_periods=np.array([2.0061]),
+        small_period_errors=np.array([0.01]), mean_periods=np.array([np.nan]),
+        given_rmse=np.nan, segments=(segment,),
         outliers=np.zeros((20, 1), bool), residuals=np.zeros((20, 1)),
         held_out=np.zeros(20, bool), undetermined=(), provenance={"arguments": {}},
     )  # fmt: skip
@@ -338,13 +340,15 @@ def test_times_and_lengths_in_other_units_are_refused(unit, arguments, motion_fi
     swings = "".join(f"{0.02 * k * unit:.6f},{np.sin(0.06 * k):.6f}\n" for k in range(200))
     error = refusal("identify", motion_file("time,theta0\n" + swings), *arguments.split())
     assert "times must be in seconds, and lengths and centres in metres" in error
-    assert "are these milliseconds, or millimetres?" in error
+    assert "are these milliseconds, centimetres or millimetres?" in error
 
 
-def test_lengths_in_millimetres_bring_a_warning_before_the_fit():
+def test_lengths_in_millimetres_or_centimetres_bring_a_warning_before_the_fit():
     times = np.arange(200) * 0.02
-    with pytest.warns(UserWarning, match="with one of about 35 s; are these milliseconds"):
-        Problem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, 300.0))
+    for length, period in ((300.0, 35), (60.0, 16)):  # g / 3^2 is 1.09 m
+        about = f"with one of about {period} s; are these milliseconds, centimetres or milli"
+        with pytest.warns(UserWarning, match=about):
+            Problem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, length))
     Problem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, 1.0))  # warns of nothing
     slowly = check_motion(times * 50.0, np.sin(3.0 * times), np.sin(times))
     Problem(slowly, Chain(1.0, 1.0))  # nor where motors move the link so slowly
@@ -381,16 +385,87 @@ def test_masses_centres_and_inertias_are_those_given_unless_they_are_fitted():
         assert not any(one.startswith("masses[") for one in sentences)
 
 
+@pytest.fixture
+def swings(motion_file):
+    """A function that writes a file of swings, whose columns were converted, and returns it."""
+
+    def write(chain, start, convert):
+        times = np.arange(0.0, 12.0, 0.02)
+        motion = simulate(chain, start, 0.0, times)
+        theta = convert(motion) + 1e-3 * np.random.default_rng(0).normal(size=motion.theta.shape)
+        names = [f"theta{link}" for link in range(chain.n)]
+        rows = [",".join(map(str, row)) for row in np.column_stack([times, theta]).tolist()]
+        return motion_file("\n".join([",".join(["time", *names]), *rows]))
+
+    return write
+
+
+ONE, TWO = Chain([0.5], [0.689], damping=0.008), Chain([0.5, 0.3], [0.4, 0.3], damping=0.003)
+LENGTHS = {1: ["--lengths", "0.689"], 2: ["--lengths", "0.4,0.3", "--masses", "0.5,0.3"]}
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("absolute", [True, False])
-def test_angles_of_joints_given_as_absolute_ones_bring_a_warning(absolute, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("chain", "start", "convert", "given", "message"),
+    [
+        (ONE, 0.2, lambda m: np.degrees(m.theta), LENGTHS[1], "degrees: np.radians converts"),
+        (ONE, 1.2, lambda m: np.degrees(m.theta), LENGTHS[1], "degrees: np.radians converts"),
+        (TWO, 0.3, lambda m: np.degrees(m.theta), LENGTHS[2], "or give --degrees of npend"),
+        (ONE, 0.45, lambda m: m.omega, LENGTHS[1], "angular velocities, as a gyroscope"),
+        (TWO, 0.8, lambda m: np.diff(m.theta, axis=1, prepend=0.0), LENGTHS[2], "give --relative"),
+        (ONE, 0.9, lambda m: m.theta - np.pi, LENGTHS[1], "upright: add np.pi to them"),
+        (ONE, 0.5, lambda m: m.theta, ["--lengths", "68.9"], "place of 1 kg: centimetres"),
+        (TWO, 0.5, lambda m: m.theta, ["--lengths", "40,30"], "otherwise than the data"),
+    ],
+)
+def test_what_no_pendulum_can_be_ends_with_an_error_and_the_way_out(
+    chain, start, convert, given, message, swings, capsys, tmp_path
+):
+    arguments = [swings(chain, start, convert), *given, "--out", str(tmp_path / "out")]
+    try:
+        code = main(["identify", *arguments])
+    except SystemExit as error:
+        code = error.code
+    shown = capsys.readouterr()
+    assert code in (1, 2)
+    assert message in shown.err.splitlines()[-1]
+    assert shown.out == ""
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.long
+def test_the_text_has_periods_and_lengths_and_says_what_was_left_out(swings, capsys):
+    assert main(["identify", swings(ONE, 0.5, lambda m: m.theta), *LENGTHS[1]]) == 0
+    text, period = capsys.readouterr().out, 2.0 * np.pi * np.sqrt(0.689 / 9.81)
+    mode = re.search(r"\n +0 +([\d.]+) +([\d.e-]+) +([\d.]+) +([\d.]+)\n", text)
+    small, error, square, length = map(float, mode.groups())
+    assert small == pytest.approx(period, abs=5.0 * error + 5e-6)
+    assert error < 1e-3
+    assert (square, length) == pytest.approx((9.81 / 0.689, 0.689), rel=1e-3)
+    measured = float(re.search(r"theta0 ([\d.]+) s", text)[1])
+    largest = theory.pendulum_period(0.5, 0.689)
+    assert period * 1.001 < measured < largest  # swings become smaller
+    assert "left out, because the data do not support it" in text
+    assert "  - friction: zero; parts of the data are predicted" in text
+    assert "  - quadratic_drag: zero; parts" in text
+
+
+@pytest.mark.long
+def test_angles_of_joints_are_absolute_ones_where_they_are_so(tmp_path, capsys):
     times, theta, piece = recorded(TRUE, 4)
-    given = theta if absolute else np.diff(theta, axis=1, prepend=0.0)
-    rows = [f"{p},{t},{a},{b}" for p, t, (a, b) in zip(piece, times, given, strict=True)]
+    rows = [f"{p},{t},{a},{b}" for p, t, (a, b) in zip(piece, times, theta, strict=True)]
     (tmp_path / "m.csv").write_text("\n".join(["piece,time,theta0,theta1", *rows]))
     known = ["--lengths", "0.2,0.25", "--masses", "0.1,0.15"]
     assert main(["identify", str(tmp_path / "m.csv"), *known]) == 0
-    lines = capsys.readouterr().err.splitlines()
-    told = any("times better if they are relative to the link above" in line for line in lines)
-    assert told == (not absolute)
-    assert not (absolute and lines)
+    assert capsys.readouterr().err == ""
+
+
+def test_periods_are_measured_from_swing_to_swing_and_not_of_links_that_turn_over():
+    times = np.arange(0.0, 10.0, 0.01)
+    noise = 0.05 * np.random.default_rng(0).normal(size=(times.size, 2))
+    theta = np.column_stack([0.4 * np.sin(3.0 * times + 1.0) + 2.0 * np.pi, 2.0 * times]) + noise
+    slow = check_motion(np.r_[times, times], np.r_[theta, theta], piece=np.repeat([0, 1], 1000))
+    found = slow.mean_periods()
+    assert found[0] == pytest.approx(2.0 * np.pi / 3.0, rel=5e-3)
+    assert np.isnan(found[1])
+    assert np.isnan(check_motion(times[:150], 0.1 * times[:150]).mean_periods()).all()

@@ -12,6 +12,7 @@ import shlex
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Generator, Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -131,7 +132,7 @@ def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dic
     A command that fails leaves no new folder that is empty.
     """
     try:
-        with _empty_folders_removed(options.values()):
+        with _plain_warnings(command.prog), _empty_folders_removed(options.values()):
             code = run(options)
         sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
     except (ValueError, TypeError) as error:
@@ -145,6 +146,23 @@ def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dic
         reason = "the output was closed before its end" if is_closed else error
         return _failed(f"{command.prog}: {reason}")
     return code
+
+
+@contextlib.contextmanager
+def _plain_warnings(prog: str) -> Generator[None]:
+    """Print warnings of the package as one line each, and at once: what follows may take long."""
+
+    def show(message: Warning | str, category: type[Warning], *more: Any, **named: Any) -> None:
+        if issubclass(category, UserWarning):
+            warn(f"{prog}: {message}")
+        else:
+            before(message, category, *more, **named)
+
+    with warnings.catch_warnings():
+        before = warnings.showwarning
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = show
+        yield
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

@@ -1,9 +1,9 @@
 """Fit a chain to measured motion, with standard errors and held-out data.
 
-Inertia, lift (mass times lever), damping, friction and drag of each link are fitted to measured
-angles. Segments held out of the fit test the result. The CSV files have columns time [s], theta0,
-theta1, ... [rad, absolute, 0 where it hangs], and may have tau0, ... [N m] and piece, the number of
-the recording. See docs/howto/real_pendulum.md.
+Inertia and lift (mass times lever) of each link, and those of damping, friction and drag that the
+data support, are fitted to measured angles. Segments held out of the fit test the result. The CSV
+files have columns time [s], theta0, theta1, ... [rad, absolute, 0 where it hangs]. They may have
+tau0, ... [N m] and piece, the number of the recording. See docs/howto/real_pendulum.md.
 
 Examples
 --------
@@ -17,7 +17,6 @@ Examples
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,6 @@ from npend_gym.cli.common import (
     finishing,
     prepare_results,
     show_written,
-    warn,
 )
 
 if TYPE_CHECKING:
@@ -82,29 +80,22 @@ def run(
     from npend_gym.identification.fit import Problem
     from npend_gym.report import identification_report as report
 
-    def show(message: Warning | str, *_: Any) -> None:
-        warn(f"npend identify: {message}")
-
     single = {"lengths": lengths, "masses": masses, "centres": centres, "gravity": gravity}
     single = {name: value for name, value in single.items() if value is not None}
-    with warnings.catch_warnings():
-        # each in one line, and at once: what follows may take minutes
-        warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = show
-        try:
-            motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
-        except OSError as error:
-            raise ValueError(
-                f"files must be CSV files: {error.filename} cannot be read: {error.strerror}"
-            ) from error
-        if chain is None and lengths is None:
-            raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
-        known: Any = {"masses": 1.0} | single if chain is None else chain
-        problem = Problem(motion, known, **chosen)
-        if out is not None:
-            prepare_results(out, "npend identify")
-        figures = out is not None and can_draw()
-        result = problem.solve()
+    try:
+        motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
+    except OSError as error:
+        raise ValueError(
+            f"files must be CSV files: {error.filename} cannot be read: {error.strerror}"
+        ) from error
+    if chain is None and lengths is None:
+        raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
+    known: Any = {"masses": 1.0} | single if chain is None else chain
+    problem = Problem(motion, known, **chosen)
+    if out is not None:
+        prepare_results(out, "npend identify")
+    figures = out is not None and can_draw()
+    result = problem.solve()
     with finishing():
         if as_json:
             print(json.dumps(result.as_dict(), indent=2, allow_nan=False))

@@ -84,10 +84,11 @@ class FlipMap:
         size = _checks.count("size", self.size, high=_MAX_SIZE)
         centre = _checks.vector("centre", self.centre, 2)
         width = _checks.positive_number("width", self.width)
-        if np.any(np.abs(centre) + 0.5 * width > math.tau):
+        if (largest := float(np.abs(centre).max()) + 0.5 * width) > math.tau:
             raise ValueError(
                 "centre and width must keep the angles within two half turns of hanging, "
-                f"got {_checks.show(centre.tolist())} and {width:g}"
+                f"got {_checks.show(centre.tolist())} and {width:g}: angles are radians "
+                f"({_checks.converts(largest - 0.5 * width)})"
             )
         numbers = {name: _checks.number(name, getattr(self, name)) for name in ("gravity", "rtol")}
         duration = _checks.positive_number("duration", self.duration)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,20 +10,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain, check_hung
-from npend_gym.identification.motion import MAX_DEVIATION, MIN_ROWS, Motion, check_motion
-from npend_gym.identification.parameters import OFFSET, new_model
-from npend_gym.identification.plausibility import check_units, warn_of_other_angles, warn_of_values
-from npend_gym.identification.result import Identification
+from npend_gym.identification.motion import MIN_ROWS, Motion, check_motion
+from npend_gym.identification.parameters import INERTIA, LIFT, OFFSET, new_model
+from npend_gym.identification.plausibility import (
+    check_explained,
+    check_readings,
+    check_units,
+    check_values,
+)
+from npend_gym.identification.result import Identification, describe
+from npend_gym.identification.selection import LeftOut, choose
+from npend_gym.identification.small_swings import small_period_errors, small_periods
 from npend_gym.identification.stages import Fit, Stages
 from npend_gym.identification.uncertainty import uncertainty, undetermined
+from npend_gym.physics.arguments import warn_caller
 
 _PERIODS = 4.0  # typical periods of the motion in the longest segments, by default
 _MANY = 12  # iterations: more are needed only where the given chain is hopeless
-_POOR = 0.05  # scatter of the errors, of that of the angles, from which on there is a warning
-_SHORT = 0.6  # of the segments' longest duration: where fewer could be followed, angles are doubted
 _OUTLIER = 6.0  # times the scatter
 
 
@@ -60,8 +64,8 @@ def identify(
     fit : sequence of str, optional
         What to fit, of each link: "inertia", "lift", "damping", "friction", "drag",
         "quadratic_drag", "armature", "length" (of all links but the last), "offset" (an angle of
-        `theta` less the true one). By default the first four and "quadratic_drag"; with torques
-        "armature" too.
+        `theta` less the true one). By default inertia and lift, and as many of damping, friction,
+        "quadratic_drag" and (with torques) armature as the data support. What is named is fitted.
     segment : float, optional
         Longest time [s] that is simulated from one first state, which is fitted; that of 20 rows
         at least. By default four typical periods of the motion. Less is taken where the motion is
@@ -78,17 +82,20 @@ def identify(
     ------
     ValueError, TypeError
         If an argument breaks its rule, or free swings are 100 times as slow or as fast as those of
-        the given chain: times in milliseconds are refused.
+        the given chain: times in milliseconds are refused. If the angles fit much better as
+        degrees, angles of joints, angles from upright, or angular velocities.
     RuntimeError
-        If no chain with the given lengths moves like the data.
+        If no chain with the given lengths moves like the data, or the fitted one is no pendulum:
+        centres ten lengths from their joint, ten times the given mass, or a period ten times that
+        of the data.
 
     Warns
     -----
     UserWarning
-        If the angles are likely to be degrees or angles of joints, or lengths millimetres. If a
-        piece has no 20 rows without a gap, or there is no segment to hold out. If the
-        fitted chain moves otherwise than the data, or few segments with lasting errors determine
-        many values. If a fitted value is impossible for a pendulum in air.
+        If the angles are likely to be degrees, or lengths centimetres or millimetres. If a piece
+        has no 20 rows without a gap, or there is no segment to hold out. If the fitted chain moves
+        otherwise than the data, or few segments with lasting errors determine many values. If a
+        fitted value is unlikely for a pendulum in air.
 
     Notes
     -----
@@ -96,6 +103,11 @@ def identify(
     first values. Multiple shooting refines them: it simulates segments of the motion, each from its
     own first state. Robust least squares fits their angles, with segments that become longer. Its
     results do not depend on chance. docs/howto/real_pendulum.md has an example.
+
+    Which terms the data support is decided without the held-out segments: each of the others is
+    predicted from the rest (leave-one-out cross-validation). The fewest terms are fitted whose
+    squared errors are within one standard error of the least. `Identification.left_out` names the
+    others. Where few segments with lasting errors tell nothing apart, all terms are fitted.
 
     Examples
     --------
@@ -183,7 +195,8 @@ class Problem:
         self.held_out: float = _checks.nonnegative_number("held_out", held_out)
         if self.held_out > 0.5:
             raise ValueError(f"held_out must be a share between 0 and 0.5, got {held_out}")
-        check_units(known, motion, driven=motion.driven)
+        check_units(known, motion)
+        self.open: bool = fit is None  # which terms are fitted
         self.stages: Stages = Stages(motion, new_model(known, fit, driven=motion.driven))
         self.longest: float = self.stages.period * _PERIODS
         if segment is not None:
@@ -211,28 +224,30 @@ class Problem:
 
     def solve(self) -> Identification:
         """Fit, and judge the fit by the segments that were held out."""
-        stages, motion, model = self.stages, self.stages.motion, self.stages.model
-        blocks = self.blocks()
-        held = _hold_out(len(blocks), self.held_out)
-        if len(blocks) == 1 and self.held_out > 0.0:
-            warnings.warn(
-                "held_out leaves out nothing: there is one segment; record more, give a shorter "
-                "segment, or held_out=0",
-                stacklevel=3,
-            )
-        training = [rows for k, rows in enumerate(blocks) if k not in held]
-        fitted, duration = self._fit(training)
-        self._warn(fitted, duration, training)
+        stages, motion, given_model = self.stages, self.stages.motion, self.stages.model
+        fitted, held, duration = self._fit()
+        model, left_out = given_model, list[LeftOut]()
+        errors = uncertainty(fitted.solution, model)
+        if self.open and not errors.rough:  # few segments tell no terms apart
+            fitted, model, left_out = choose(stages, fitted, model)
+            errors = uncertainty(fitted.solution, model)
         values = model.unpack(fitted.solution.fitted)
-        errors, chain = uncertainty(fitted.solution, model), model.chain_of(values)
-        warn_of_values(chain, len(fitted.rows), len(model.names), rough=errors.rough)
-        judged = motion.cut([blocks[k] for k in held], duration)
+        chain = model.chain_of(values)
+        if errors.rough:
+            warn_caller(
+                f"standard errors are large, and rough: {len(fitted.rows)} segments, whose errors "
+                f"last long, must tell {len(model.names)} values; record more or livelier motions, "
+                "or fit fewer quantities"
+            )
+        weighed = bool(model.free[[INERTIA, LIFT]].any())
+        check_values(chain, given_model.chain, motion, weighed=weighed)
+        judged = motion.cut(held, duration)
         own = stages.judge(values, judged) if judged else None
-        given = stages.judge(model.known, judged, _MANY) if judged else None
+        given = stages.judge(given_model.known, judged, _MANY) if judged else None
         lost, unknown = np.full(len(judged), math.inf), np.full(len(fitted.rows), math.nan)
-        segments = _describe(motion, fitted.rows, fitted.errors, unknown, held_out=False)
+        segments = describe(motion, fitted.rows, fitted.errors, unknown, held_out=False)
         errors_of = [lost if fit is None else fit.errors for fit in (own, given)]
-        segments += _describe(motion, judged, *errors_of, held_out=True)
+        segments += describe(motion, judged, *errors_of, held_out=True)
         held_out = np.zeros(motion.times.size, np.bool_)
         for rows in judged:
             held_out[rows] = True
@@ -251,6 +266,10 @@ class Problem:
             correlation=errors.correlation,
             chain_errors=model.chain_errors(chain, errors.errors, errors.covariance),
             offsets=values[OFFSET],
+            left_out=tuple(str(one) for one in left_out),
+            small_periods=small_periods(chain),
+            small_period_errors=small_period_errors(model, found, errors),
+            mean_periods=motion.mean_periods(),
             given_rmse=given.rmse if given else math.inf if judged else math.nan,
             segments=tuple(segments),
             outliers=np.abs(residuals) > _OUTLIER * scatter,
@@ -262,36 +281,50 @@ class Problem:
             provenance=self.provenance,
         )
 
-    def _fit(self, training: Sequence[slice]) -> tuple[Fit, float]:
+    def _fit(self) -> tuple[Fit, list[slice], float]:
+        """Return the fit over the longest segments that are possible, those held out, how long.
+
+        Where segments become shorter than they were first, what is held out is chosen again.
+        """
+        motion, blocks = self.stages.motion, self.blocks()
+        training, held = _split(blocks, self.held_out)
+        longest = max(float(np.ptp(motion.times[rows])) for rows in training)
+        fitted, duration = self._lengthen(training)
+        check_explained(motion, self.stages.model, fitted, duration, longest)
+        if duration < longest and self.held_out > 0.0:
+            blocks = motion.cut(motion.stretches(), duration)
+            training, held = _split(blocks, self.held_out)
+            fitted, duration = self._lengthen(training)
+        if len(blocks) == 1 and self.held_out > 0.0:
+            warn_caller(
+                "held_out leaves out nothing: there is one segment; record more, give a shorter "
+                "segment, or held_out=0"
+            )
+        return fitted, held, duration
+
+    def _lengthen(self, training: Sequence[slice]) -> tuple[Fit, float]:
         """Return the fit over the longest segments that are possible, and their duration [s]."""
+        stages = self.stages
         try:
-            fitted, duration = self.stages.lengthen(training, self.stages.start(training))
-        except np.linalg.LinAlgError as error:
+            fitted, duration = stages.lengthen(training, stages.start(training))
+            if fitted is None:
+                raise RuntimeError("the fit left all chains that can move: fit fewer quantities")
+        except (np.linalg.LinAlgError, RuntimeError) as error:
+            check_readings(stages.motion, stages.model, training, math.inf)
+            if isinstance(error, RuntimeError):
+                raise
             raise RuntimeError(
                 "no chain near the given one moves like the data: check lengths, centres and "
                 "times, which must be in metres and seconds, the signs of angles and torques, and "
                 "whether angles are absolute"
             ) from error
-        if fitted is None:
-            raise RuntimeError("the fit left all chains that can move: fit fewer quantities")
         return fitted, duration
 
-    def _warn(self, fitted: Fit, duration: float, training: Sequence[slice]) -> None:
-        """Warn if the fitted chain moves otherwise than the data; see `warn_of_other_angles`."""
-        motion = self.stages.motion
-        spreads = [np.std(motion.theta[rows], axis=0) for rows in motion.stretches()]
-        moved = float(np.sqrt(np.mean(np.minimum(spreads, MAX_DEVIATION) ** 2)))
-        possible = max(float(np.ptp(motion.times[rows])) for rows in training)
-        poor = fitted.scatter > _POOR * moved
-        if poor or duration < _SHORT * possible:
-            warn_of_other_angles(motion, self.stages.model, fitted)
-        if poor:
-            warnings.warn(
-                f"the fitted chain moves otherwise than the data, by {fitted.scatter:.2g} rad "
-                f"where angles vary by {moved:.2g} rad: check lengths, units, signs, and whether "
-                "angles are absolute, and 0 where a link hangs",
-                stacklevel=4,
-            )
+
+def _split(blocks: Sequence[slice], share: float) -> tuple[list[slice], list[slice]]:
+    """Return which blocks are fitted and which are held out."""
+    held = _hold_out(len(blocks), share)
+    return [rows for k, rows in enumerate(blocks) if k not in held], [blocks[k] for k in held]
 
 
 def _hold_out(count: int, share: float) -> list[int]:
@@ -300,20 +333,3 @@ def _hold_out(count: int, share: float) -> list[int]:
         return []
     middles = (np.arange(math.floor(share * count + 0.5 + 1e-9)) + 0.5) / share
     return (np.ceil(middles - 1e-9).astype(int) - 1).tolist() or [count - 1]
-
-
-def _describe(
-    motion: Motion, segments: list[slice], errors: FloatArray, given: FloatArray, *, held_out: bool
-) -> list[dict[str, Any]]:
-    """Return what `Identification.segments` says of these, with the errors of two chains."""
-    return [
-        {
-            "piece": int(motion.piece[rows.start]),
-            "start": float(motion.times[rows.start]),
-            "end": float(motion.times[rows.stop - 1]),
-            "held_out": held_out,
-            "rmse": error,
-            "given_rmse": other,
-        }
-        for rows, error, other in zip(segments, errors.tolist(), given.tolist(), strict=True)
-    ]

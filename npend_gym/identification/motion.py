@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.physics.arguments import ask_about_degrees
+from npend_gym.physics.arguments import warn_caller
 
 MIN_ROWS = 20  # in a stretch that is used: fewer rows say nothing beside their own first state
 MAX_ROWS = 2_000_000
@@ -22,6 +21,8 @@ _AT_REST = 0.25  # times the mean deviation in the other half of the rows: less 
 _STEADY = 0.25  # of the speed: a larger change of it is noise, or the rows are too far apart
 MAX_DEVIATION = math.pi  # rad; those of a link that turns over grow with the recording
 _LIKELY = 8.0 * math.pi  # rad; larger angles are likely to be degrees
+_PASSED = 0.25  # of the scatter of an angle: what it moves beyond hanging when it has passed there
+RADIANS = "np.radians converts, or give --degrees of npend identify"
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +109,36 @@ class Motion:
         if not periods:
             raise ValueError("theta must move, but each measured angle is at rest most of the time")
         return float(np.median(periods))
+
+    def mean_periods(self) -> FloatArray:
+        """Return the mean time of each angle from swing to swing [s], shape (n,).
+
+        A swing begins where the link passes hanging counter-clockwise. NaN where a link turns over,
+        or does not complete a swing.
+        """
+        spans, counts = np.zeros((2, self.links))
+        turns = np.zeros(self.links, np.bool_)
+        for rows, link in product(self.stretches(), range(self.links)):
+            times, theta = _moving(self.times[rows], self.theta[rows, link])
+            turns[link] |= np.ptp(theta) > math.tau
+            passed = _passes(times, theta - math.tau * np.rint(np.median(theta) / math.tau))
+            if passed.size > 1:
+                spans[link] += passed[-1] - passed[0]
+                counts[link] += passed.size - 1
+        return np.where((counts > 0) & ~turns, spans / np.maximum(counts, 1.0), np.nan)
+
+
+def _passes(times: FloatArray, theta: FloatArray) -> FloatArray:
+    """Return when an angle passes zero upwards [s]: on the way from well below to well above."""
+    least = _PASSED * float(np.std(theta))
+    side = np.where(theta > least, 1, np.where(theta < -least, -1, 0))
+    away = np.flatnonzero(side)
+    ups = np.flatnonzero(np.diff(side[away]) > 0)
+    out = np.empty(ups.size)
+    for k, (low, high) in enumerate(zip(away[ups], away[ups + 1], strict=True)):
+        slope, at_zero = np.polyfit(theta[low : high + 1], times[low : high + 1], 1)
+        out[k] = at_zero if math.isfinite(slope) else times[low]
+    return out
 
 
 def _deviations(theta: FloatArray) -> FloatArray:
@@ -207,10 +238,7 @@ def check_motion(
     unused = [rows for rows in motion.pieces() if used.isdisjoint(range(rows.start, rows.stop))]
     if unused:
         left_out = ", ".join(str(motion.piece[rows.start]) for rows in unused)
-        warnings.warn(
-            f"piece {left_out} is left out: it must have {MIN_ROWS} rows without a gap",
-            stacklevel=3,
-        )
+        warn_caller(f"piece {left_out} is left out: it must have {MIN_ROWS} rows without a gap")
     return _unwrapped(motion)
 
 
@@ -263,9 +291,13 @@ def _check_order(motion: Motion) -> None:
 def _unwrapped(motion: Motion) -> Motion:
     largest = float(np.abs(motion.theta).max())
     if largest > _LIKELY:
-        remedy = "np.radians converts; npend identify --degrees; a chain may have turned so often"
-        ask_about_degrees("theta", largest, remedy)
+        warn_caller(
+            f"theta reaches {largest:.4g} rad, {largest / math.tau:.1f} turns: are these degrees? "
+            f"They must be radians ({RADIANS}); a chain may have turned so often"
+        )
     theta = motion.theta.copy()
+    if largest > _LIKELY and largest > math.tau * motion.links:
+        return motion  # of no sum of angles within a turn: they are whole as they are
     for rows in motion.stretches():
         theta[rows] = np.unwrap(theta[rows], axis=0)
     return Motion(motion.times, theta, motion.torque, motion.piece)

@@ -40,6 +40,7 @@ INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, LENGTH, OFFSET
 )
 _RESISTING = QUANTITIES[DAMPING:LENGTH]  # they are parameters of `Chain` too
 DEFAULT_FIT = ("inertia", "lift", "damping", "friction", "quadratic_drag")
+OPTIONAL = DAMPING, FRICTION, QUADRATIC_DRAG, ARMATURE  # of the default, where data support them
 _LEAST = 1e-9  # inertia of a link, of the largest one
 MARGIN = 1e-3  # by which a mass exceeds the smallest one that its link can have
 

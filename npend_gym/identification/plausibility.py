@@ -3,97 +3,222 @@
 from __future__ import annotations
 
 import math
-import warnings
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
+from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.identification.motion import Motion
-from npend_gym.identification.parameters import INERTIA, LIFT, Model, values_of, weighs
+from npend_gym.identification.motion import MAX_DEVIATION, RADIANS, Motion
+from npend_gym.identification.parameters import INERTIA, LIFT, OFFSET, Model, values_of, weighs
 from npend_gym.identification.stages import Fit, Stages
+from npend_gym.physics.arguments import warn_caller
 
-_UNLIKELY, _IMPOSSIBLE = 10.0, 100.0  # times the expected period: milliseconds give 1000
+# times the expected period: milliseconds give 1000, millimetres 32, centimetres 10; a motor may
+# move a link fast, and a link that is nearly balanced is slow
+_FAST, _DRIVEN_FAST, _SLOW, _IMPOSSIBLE = 4.0, 10.0, 10.0, 100.0
+_POOR = 0.05  # scatter of the errors, of that of the angles, from which on there is a warning ...
+_NOTHING = 0.3  # ... and an error
+_DOUBTED = 0.01  # ... and other meanings of the angles are tried
+_SHORT = 0.6  # of the segments' longest duration: where fewer could be followed, angles are doubted
+_ROUGHLY = 8  # iterations of a fit of other angles: a better meaning shows at once
+_LEAST_DEGREES = 2.0  # the largest angle of a swing that is measured in degrees, at least
+# times smaller are the errors of angles that were taken wrongly; integrals have less noise anyway
+_BETTER, _RATES_BETTER = 1.5, 5.0
 _AIR = 1.2  # kg/m^3, its density
-_BETTER = 3.0  # times smaller are the errors of angles that were taken wrongly
-
-_BUT = "but those given fit {} times better if they"
-_READINGS = {
-    f"theta must be absolute angles, {_BUT} are relative to the link above: convert with "
-    "np.cumsum(theta, axis=1), or give --relative of npend identify": partial(np.cumsum, axis=1),
-    f"theta must be absolute angles, {_BUT} were absolute before they were added up: give them as "
-    "measured, or leave out --relative of npend identify": partial(np.diff, axis=1, prepend=0.0),
-    f"theta must be angles from where a link hangs, {_BUT} are from where it stands upright: add "
-    "np.pi to them": partial(np.add, np.pi),
-}
+_OUTSIDE, _FAR = 2.0, 10.0  # lengths of a link, between its joint and its centre
+_HEAVIER = 10.0  # times the given mass of a link
+_CHECK = (
+    "check lengths, centres, masses and times, which must be in m, kg and s, the signs and the "
+    "order of the angles, and that they are absolute ones in radians, not in degrees ("
+    f"{RADIANS}), and no angular velocities"
+)
 
 
-def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
+def _integrated(motion: Motion) -> FloatArray:
+    """Return the angles whose rates are those of `motion`, about their mean."""
+    out = motion.theta.copy()
+    for rows in motion.pieces():
+        theta, times = motion.theta[rows], motion.times[rows]
+        angle: FloatArray = np.asarray(cumulative_trapezoid(theta, times, axis=0, initial=0))
+        out[rows] = angle - angle.mean(axis=0)
+    return out
+
+
+def _radians(motion: Motion) -> FloatArray:
+    return np.radians(motion.theta)
+
+
+_ADD_UP = "convert with np.cumsum(theta, axis=1), or give --relative of npend identify"
+_ADDED_UP = (
+    "absolute before they were added up: give them as measured, or leave out --relative of npend "
+    "identify"
+)
+_INTEGRATE = 'integrate them with scipy.integrate.cumulative_trapezoid, and fit "offset" too'
+# How angles become absolute ones, of how many links at least, and what they are then
+_READINGS: list[tuple[Callable[[Motion], FloatArray], int, str]] = [
+    (lambda motion: np.cumsum(motion.theta, axis=1), 2, f"relative to the link above: {_ADD_UP}"),
+    (lambda motion: np.diff(motion.theta, axis=1, prepend=0.0), 2, _ADDED_UP),
+    (lambda motion: motion.theta + np.pi, 1, "from where it stands upright: add np.pi to them"),
+    (_radians, 1, f"degrees: {RADIANS}"),
+    (_integrated, 1, f"angular velocities, as a gyroscope measures: {_INTEGRATE}"),
+]  # fmt: skip
+
+
+def check_units(chain: Chain, motion: Motion) -> None:
     """Compare the period of the measured swings with that which the given chain would have.
 
-    Motors may move a chain as slowly as they like. So a `driven` chain can only be too fast. A
-    factor above 10 is warned of; one above 100 is an error: times in milliseconds, for example.
+    Motors may move a chain as slowly as they like. So a driven chain can only be too fast. A large
+    factor is warned of; one above 100 is an error: times in milliseconds, for example.
     """
-    values, measured = values_of(chain), motion.period()
-    if not np.all(weighs(chain)):  # nothing makes such a link swing
-        return
-    periods = 2.0 * np.pi * np.sqrt(values[INERTIA] / (chain.gravity * np.abs(values[LIFT])))
-    expected = float(np.clip(measured, periods.min(), periods.max()))  # a balanced link is slow
-    factor = measured / expected
-    if factor >= 1.0 / _UNLIKELY and (driven or factor <= _UNLIKELY):
+    factor, measured, expected = _slowness(chain, motion)
+    fast, slow = (_DRIVEN_FAST, math.inf) if motion.driven else (_FAST, _SLOW)
+    if 1.0 / fast <= factor <= slow:
         return
     text = (
         "times must be in seconds, and lengths and centres in metres: the angles swing with a "
         f"period of about {measured:.2g} s, those of a chain like the one given with one of about "
-        f"{expected:.2g} s; are these milliseconds, or millimetres?"
+        f"{expected:.2g} s; are these milliseconds, centimetres or millimetres?"
     )
     if max(factor, 1.0 / factor) > _IMPOSSIBLE:
         raise ValueError(text)
-    warnings.warn(text, stacklevel=4)
+    warn_caller(text)
 
 
-def warn_of_other_angles(motion: Motion, model: Model, fitted: Fit) -> None:
-    """Warn if the angles fit much better as angles of joints, or not so, or as from upright.
+def _slowness(chain: Chain, motion: Motion) -> tuple[float, float, float]:
+    """Return the measured period over that of a chain, both [s]; 1 where nothing makes it swing."""
+    values, measured = values_of(chain), motion.period()
+    if not np.all(weighs(chain)):
+        return 1.0, measured, measured
+    periods = 2.0 * np.pi * np.sqrt(values[INERTIA] / (chain.gravity * np.abs(values[LIFT])))
+    expected = float(np.clip(measured, periods.min(), periods.max()))  # a balanced link is slow
+    return measured / expected, measured, expected
 
-    `fitted` is the fit of the angles as they were given; the same segments are fitted again.
+
+def check_explained(
+    motion: Motion, model: Model, fitted: Fit, duration: float, longest: float
+) -> None:
+    """Refuse, or warn of, a fit that moves otherwise than the data.
+
+    `duration` is that of its segments [s], `longest` what was possible.
+
+    Raises
+    ------
+    ValueError
+        If the angles fit much better with another meaning: as degrees, for example.
+    RuntimeError
+        If the fit explains nothing.
     """
-    tried: list[tuple[float, str]] = []
-    for meaning, convert in list(_READINGS.items())[0 if motion.links > 1 else -1 :]:
-        stages = Stages(replace(motion, theta=convert(motion.theta)), model)
-        with suppress(RuntimeError, np.linalg.LinAlgError):
-            other = stages.fit_once(fitted.rows)
-            tried += [] if other is None else [(other.rmse, meaning)]
-    error, meaning = min(tried, default=(math.inf, ""))
-    if error * _BETTER < fitted.rmse:
-        warnings.warn(meaning.format(f"{fitted.rmse / error:.1f}"), stacklevel=4)
+    spreads = [np.std(motion.theta[rows], axis=0) for rows in motion.stretches()]
+    moved = float(np.sqrt(np.mean(np.minimum(spreads, MAX_DEVIATION) ** 2)))
+    if fitted.scatter > _DOUBTED * moved or duration < _SHORT * longest:
+        check_readings(motion, model, fitted.rows, fitted.rmse)
+    if fitted.scatter <= _POOR * moved:
+        return
+    text = (
+        f"the fitted chain moves otherwise than the data, by {fitted.scatter:.2g} rad where angles "
+        f"vary by {moved:.2g} rad: {_CHECK}"
+    )
+    if fitted.scatter > _NOTHING * moved:
+        raise RuntimeError(text)
+    warn_caller(text)
 
 
-def warn_of_values(chain: Chain, segments: int, fitted: int, *, rough: bool) -> None:
-    """Warn if few segments determine many values, or a value is none of a pendulum in air."""
-    if rough:
-        warnings.warn(
-            f"standard errors are large, and rough: {segments} segments, whose errors last long, "
-            f"must tell {fitted} values; record more or livelier motions, or fit fewer quantities",
-            stacklevel=4,
+def check_readings(motion: Motion, model: Model, rows: Sequence[slice], error: float) -> None:
+    """Refuse angles that fit much better with another meaning.
+
+    `error` is the root mean square error of these rows as they were given [rad].
+    """
+    largest = float(np.abs(motion.theta).max())
+    own = _spread(motion)
+    tried: list[tuple[float, float, str]] = []
+    for convert, links, meaning in _READINGS:
+        if motion.links < links or (convert is _radians and largest < _LEAST_DEGREES):
+            continue
+        other = replace(motion, theta=convert(motion))
+        free = model.free.copy()
+        free[OFFSET] |= convert is _integrated and model.chain.gravity > 0.0
+        with suppress(RuntimeError, ValueError, np.linalg.LinAlgError):
+            fit = Stages(other, replace(model, free=free)).fit_once(rows, _ROUGHLY)
+            if fit is not None:  # angles of other units vary by less
+                size = _spread(other) / own
+                tried.append((
+                    fit.rmse / min(size, 1.0),
+                    _RATES_BETTER if convert is _integrated else _BETTER,
+                    meaning,
+                ))  # fmt: skip
+    best, factor, meaning = min(tried, default=(math.inf, 1.0, ""))
+    if best * factor < error and best < _NOTHING * own:
+        better = f"{error / best:.1f} times better" if math.isfinite(error) else "better"
+        raise ValueError(
+            "theta must be absolute angles from where a link hangs [rad], but those given fit "
+            f"{better} if they were {meaning}"
+        )
+
+
+def _spread(motion: Motion) -> float:
+    return float(np.sqrt(np.asarray(motion.theta.var(axis=0)).mean()))
+
+
+def check_values(found: Chain, given: Chain, motion: Motion, *, weighed: bool) -> None:
+    """Refuse a fitted chain that no pendulum can be, and warn of values that are unlikely.
+
+    Parameters
+    ----------
+    found, given : Chain
+        The fitted chain, and the one that was given.
+    motion : Motion
+        What was fitted.
+    weighed : bool
+        Whether inertia or lift of the links were fitted.
+
+    Raises
+    ------
+    RuntimeError
+        If a centre of mass is more than ten lengths of its link from its joint. Of free swings, if
+        the fitted chain swings ten times as slowly or as fast as the data, or a link needs ten
+        times the mass that was given.
+    """
+    lengths = found.lengths.tolist()
+    away = [abs(c) / length for c, length in zip(found.centres.tolist(), lengths, strict=True)]
+    impossible = [
+        f"centres[{k}] = {found.centres[k]:.3g} m, {far:.3g} lengths of the link from its joint"
+        for k, far in enumerate(away)
+        if far > _FAR
+    ]
+    if not motion.driven:
+        factor, measured, own = _slowness(found, motion)
+        if not 1.0 / _SLOW <= factor <= _SLOW:
+            impossible.append(
+                f"a chain with a period of about {own:.2g} s, where that of the data is about "
+                f"{measured:.2g} s"
+            )
+        impossible += [
+            f"inertia{k} and lift{k}, which need a mass of {found.masses[k]:.3g} kg in place of "
+            f"{given.masses[k]:.3g} kg: centimetres, or millimetres, bring such a factor"
+            for k, heavier in enumerate((found.masses / given.masses).tolist())
+            if heavier > _HEAVIER
+        ]
+    if impossible and weighed:
+        raise RuntimeError(
+            f"no pendulum is like the fit, which has {'; '.join(impossible)}: {_CHECK}"
         )
     unlikely = [
         f"quadratic_drag[{link}] = {drag:.3g} N s^2/m^2, more than that of a plate of the chain's "
         f"length in both directions in air, {most:.2g} N s^2/m^2"
-        for link, drag in enumerate(chain.quadratic_drag.tolist())
-        if drag > (most := _AIR * chain.total_length**2)
+        for link, drag in enumerate(found.quadratic_drag.tolist())
+        if drag > (most := _AIR * found.total_length**2)
     ]
     unlikely += [
-        f"centres[{link}] = {centre:.3g} m, more than two lengths of the link from its joint"
-        for link, (centre, length) in enumerate(
-            zip(chain.centres.tolist(), chain.lengths.tolist(), strict=True)
-        )
-        if abs(centre) > 2.0 * length
+        f"centres[{k}] = {found.centres[k]:.3g} m, more than two lengths of the link from its joint"
+        for k, far in enumerate(away)
+        if far > _OUTSIDE
     ]
     if unlikely:
-        warnings.warn(
+        warn_caller(
             f"the fit found {'; '.join(unlikely)}: record more or livelier motions, fit fewer "
-            "quantities, or check lengths and masses",
-            stacklevel=4,
+            "quantities, or check lengths and masses"
         )

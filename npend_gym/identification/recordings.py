@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 import re
-import warnings
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.identification.motion import Motion, check_motion
+from npend_gym.physics.arguments import warn_caller
 
 _MAX_CELLS = 50_000_000
 _QUOTES = "quotation marks must begin and end a cell within its line"
@@ -177,10 +177,9 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
                         "columns"
                     )
             for name in filter(names.__contains__, _NOT_HUNG):
-                warnings.warn(
+                warn_caller(
                     f"{path} has the column {name}, which is not read: identify takes the motion "
-                    "of rigid chains that hang from a fixed pivot",
-                    stacklevel=4,
+                    "of rigid chains that hang from a fixed pivot"
                 )
             cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
             for number, row in rows:

@@ -10,6 +10,7 @@ import numpy as np
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
+from npend_gym.identification.motion import Motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,15 @@ class Identification:
     offsets : ndarray, shape (n,)
         Measured less true angles [rad], absolute ones; zero where they were not fitted. The encoder
         between two links is off by the difference of their offsets.
+    left_out : tuple of str
+        Terms of the default that the data do not support, in sentences: they are not fitted.
+    small_periods, small_period_errors : ndarray, shape (n,)
+        Periods of the normal modes of the fitted chain, of small swings about hanging [s], the
+        slowest first, and their standard errors; NaN where nothing swings. See
+        `equivalent_lengths`.
+    mean_periods : ndarray, shape (n,)
+        Measured mean time of each angle from swing to swing [s]. NaN where a link turns over, or
+        completes no swing.
     given_rmse : float
         Root mean square error of all angles [rad] of the given chain over the segments that were
         held out, each segment's first state being fitted. NaN where there are none, infinite if
@@ -66,6 +76,10 @@ class Identification:
     correlation: FloatArray
     chain_errors: dict[str, FloatArray]
     offsets: FloatArray
+    left_out: tuple[str, ...]
+    small_periods: FloatArray
+    small_period_errors: FloatArray
+    mean_periods: FloatArray
     given_rmse: float
     segments: tuple[dict[str, Any], ...]
     outliers: BoolArray
@@ -88,6 +102,14 @@ class Identification:
     def clean_rmse(self) -> float:
         """The error `held_out_rmse` without outliers [rad]."""
         return _rms(self.residuals[self.held_out[:, None] & ~self.outliers])
+
+    @property
+    def equivalent_lengths(self) -> FloatArray:
+        """Length L of a bob on a thread with each of `small_periods` [m], shape (n,).
+
+        The square of a mode's angular frequency is g/L.
+        """
+        return self.chain.gravity * (self.small_periods / (2.0 * math.pi)) ** 2
 
     def rows(self) -> list[tuple[str, str, float, float]]:
         """Return name, unit, value and standard error of each fitted value."""
@@ -114,6 +136,11 @@ class Identification:
             "correlation": _plain(self.correlation),
             "chain_standard_errors": {k: _plain(v) for k, v in self.chain_errors.items()},
             "offsets": _plain(self.offsets),
+            "left_out": list(self.left_out),
+            "small_periods": _plain(self.small_periods),
+            "small_period_errors": _plain(self.small_period_errors),
+            "equivalent_lengths": _plain(self.equivalent_lengths),
+            "mean_periods": _plain(self.mean_periods),
             "held_out_rmse": _plain(self.held_out_rmse),
             "given_rmse": _plain(self.given_rmse),
             "fitted_rmse": _plain(self.fitted_rmse),
@@ -123,6 +150,23 @@ class Identification:
             "undetermined": list(self.undetermined),
             "provenance": self.provenance,
         }
+
+
+def describe(
+    motion: Motion, segments: list[slice], errors: FloatArray, given: FloatArray, *, held_out: bool
+) -> list[dict[str, Any]]:
+    """Return what `Identification.segments` says of these, with the errors of two chains."""
+    return [
+        {
+            "piece": int(motion.piece[rows.start]),
+            "start": float(motion.times[rows.start]),
+            "end": float(motion.times[rows.stop - 1]),
+            "held_out": held_out,
+            "rmse": error,
+            "given_rmse": other,
+        }
+        for rows, error, other in zip(segments, errors.tolist(), given.tolist(), strict=True)
+    ]
 
 
 def _rms(errors: FloatArray) -> float:

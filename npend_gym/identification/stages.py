@@ -157,9 +157,9 @@ class Stages:
         final = None if best is None else self.fit(model, best.rows, best, most)
         return final or best, reached
 
-    def fit_once(self, rows: Sequence[slice]) -> Fit | None:
+    def fit_once(self, rows: Sequence[slice], most: int) -> Fit | None:
         """Return the fit over these rows as they are, from the values of `start`."""
-        return self.fit(self.model, rows, self.model.pack(self.start(rows)), converged=_PASSING)
+        return self.fit(self.model, rows, self.model.pack(self.start(rows)), most, _PASSING)
 
     def judge(self, values: FloatArray, parts: Sequence[slice], most: int = 50) -> Fit | None:
         """Return the fit of the first states alone, with the values (9, n), in stages."""

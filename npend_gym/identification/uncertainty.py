@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -57,12 +58,8 @@ def uncertainty(solution: Solution, model: Model) -> Uncertainty:
     therefore those of a fit without bounds: such a value has an error too, and all others have that
     of not knowing it.
     """
-    scale = model.scale(model.unpack(solution.fitted))
-    columns = solution.projected * scale
-    weighted = columns * solution.weights[..., None]
-    edges = _edges(solution, model.chain.n)
-    scores = _clusters(weighted * solution.residuals[..., None], edges)
-    parts = _clusters(np.einsum("smi,smj->smij", weighted, columns), edges)
+    edges = cluster_edges(solution, model.chain.n)
+    scale, scores, parts, _ = clusters(solution, model, edges, solution.weights)
     values, vectors = np.linalg.eigh(parts.sum(axis=0))
     determined = values > _SINGULAR * values.max(initial=0.0)
     whiten = vectors[:, determined] / np.sqrt(values[determined])  # to values of unit information
@@ -88,7 +85,24 @@ def uncertainty(solution: Solution, model: Model) -> Uncertainty:
     return Uncertainty(errors, covariance, _correlation(covariance), rough)
 
 
-def _edges(solution: Solution, links: int) -> list[int]:
+def clusters(
+    solution: Solution, model: Model, edges: Sequence[int], weights: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the sizes of the k fitted values, and what C clusters say of them in these units.
+
+    Half the gradient of each cluster's weighted squares, (C, k), and half their second derivatives,
+    (C, k, k), the first states following at their best; and the squares, (C,). `edges` cut each
+    segment into clusters, see `uncertainty`; `weights` are those of the residuals.
+    """
+    scale = model.scale(model.unpack(solution.fitted))
+    columns = solution.projected * scale
+    weighted = columns * weights[..., None]
+    scores = _clusters(weighted * solution.residuals[..., None], edges)
+    parts = _clusters(np.einsum("smi,smj->smij", weighted, columns), edges)
+    return scale, scores, parts, _clusters(weights * solution.residuals**2, edges)
+
+
+def cluster_edges(solution: Solution, links: int) -> list[int]:
     """Return the first residuals of the parts into which each segment is cut."""
     segments, size = solution.weights.shape
     rows, fitted = size // links, solution.fitted.size
@@ -114,7 +128,7 @@ def lasting(residuals: FloatArray, links: int) -> float:
     return float(1.0 + 2.0 * products[1:last].sum() / products[0])
 
 
-def _clusters(rows: FloatArray, edges: list[int]) -> FloatArray:
+def _clusters(rows: FloatArray, edges: Sequence[int]) -> FloatArray:
     """Return sums over the parts of each segment, (S, M, ...), as (parts, ...)."""
     return np.add.reduceat(rows, edges, axis=1).reshape(-1, *rows.shape[2:])
 

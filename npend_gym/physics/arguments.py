@@ -164,16 +164,20 @@ def warn_of_degrees(name: str, angles: FloatArray) -> None:
         ask_about_degrees(name, float(largest))
 
 
-def ask_about_degrees(name: str, largest: float, remedy: str = "np.radians converts") -> None:
-    """Warn that angles up to `largest` may be degrees, at the line outside the package."""
+def ask_about_degrees(name: str, largest: float) -> None:
+    """Warn that angles up to `largest` may be degrees."""
+    warn_caller(
+        f"{name} reaches {largest:.4g} rad, {largest / math.tau:.1f} turns: are these degrees? "
+        f"They must be radians ({_checks.converts(largest)})"
+    )
+
+
+def warn_caller(text: str) -> None:
+    """Warn of `text` at the line outside the package that led here."""
     frame, level = inspect.currentframe(), 0
     while frame and frame.f_globals.get("__name__", "").startswith("npend_gym."):
         frame, level = frame.f_back, level + 1
-    warnings.warn(
-        f"{name} reaches {largest:.4g} rad, {largest / math.tau:.1f} turns: are these degrees? "
-        f"They must be radians ({remedy})",
-        stacklevel=level + 1,
-    )
+    warnings.warn(text, stacklevel=level + 1)
 
 
 def check_rtol(rtol: float) -> float:

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from npend_gym.identification import Identification, Motion
 from npend_gym.report.outputs import write_results
 
@@ -34,9 +36,37 @@ def identification_text(result: Identification) -> str:
         spread = f"{error:.2g}" if math.isfinite(error) else "not determined"
         bound = ", at its bound" * (value == 0.0 and math.isfinite(error))
         lines.append(f"{name:<18}{value:>12.6g}   {spread:<14} {unit}{bound}")
-    lines += ["", f"chain: {result.chain!r}", "", "not determined by the data:"]
+    lines += ["", f"chain: {result.chain!r}"]
+    if result.left_out:
+        lines += ["", "left out, because the data do not support it (--fit fits what you name):"]
+        lines += [f"  - {sentence}" for sentence in result.left_out]
+    lines += ["", *_swings(result), "", "not determined by the data:"]
     lines += [f"  - {sentence}" for sentence in result.undetermined]
     return "\n".join(lines)
+
+
+def _swings(result: Identification) -> list[str]:
+    """Return the periods of small swings, and those measured, in lines."""
+    measured = [
+        f"theta{link} in {period:.4g} s"
+        if math.isfinite(period)
+        else f"theta{link} in no whole one"
+        for link, period in enumerate(result.mean_periods.tolist())
+    ]
+    lines = ["measured, mean time from swing to swing: " + ", ".join(measured)]
+    if not np.all(np.isfinite(result.small_periods)):
+        return [*lines, "small swings: none, because gravity does not turn every link"]
+    heads = "period [s]", "standard error", "g/L [1/s^2]", "equivalent length L [m]"
+    lines += ["small swings of the fitted chain about hanging:"]
+    lines += [f"{'mode':>6}{heads[0]:>14}{heads[1]:>17}{heads[2]:>14}{heads[3]:>26}"]
+    columns = result.small_periods, result.small_period_errors, result.equivalent_lengths
+    for mode, (period, error, length) in enumerate(
+        zip(*(c.tolist() for c in columns), strict=True)
+    ):
+        spread = f"{error:.2g}" if math.isfinite(error) else "not determined"
+        square = (2.0 * math.pi / period) ** 2
+        lines.append(f"{mode:>6}{period:>14.6g}{spread:>17}{square:>14.6g}{length:>26.6g}")
+    return lines
 
 
 def _mrad(value: float) -> str:
