@@ -161,3 +161,20 @@ def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, mo
             run_script(ROOT / words[1], *shorter(words)[2:], cwd=tmp_path)
         else:
             assert main(shorter(words)[1:]) == 0, words
+
+
+@pytest.mark.long
+def test_the_example_of_the_help_of_export_takes_the_fit_of_the_pages(
+    tmp_path, monkeypatch, capsys
+):
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    page = ROOT / "docs" / "howto" / "real_pendulum.md"
+    fit = next(words for words, whole in commands(page) if whole and words[1] == "identify")
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    example = next(line for line in lines if "--chain results/fit.json" in line)
+    for words in (fit, shlex.split(example)):
+        assert main(words[1:]) == 0, words
+    assert (tmp_path / "chain.xml").read_text().startswith("<mujoco")

@@ -1,5 +1,6 @@
 """Chains as models of MuJoCo, whose motions are compared with `simulate`."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,30 @@ def test_what_mujoco_does_not_know_is_refused_by_its_name(keywords):
     name = next(iter(keywords))
     with pytest.raises(ValueError, match=f"^{name} must be left out: MuJoCo has no such"):
         to_mjcf(Chain(1.0, [1.0, 1.0], **keywords))
+
+
+def test_terms_that_a_format_lacks_are_dropped_where_the_user_says_so_and_this_is_said(
+    tmp_path, capsys
+):
+    dragged = Chain.from_dict(LINKS.as_dict() | {"quadratic_drag": 0.01, "drag": 0.02})
+    file, out = tmp_path / "fit.json", tmp_path / "chain.xml"
+    file.write_text(json.dumps(dragged.as_dict()))
+    words = ["export", "--chain", str(file), "--to", "mjcf", "-o", str(out)]
+    for more, message in (
+        ([], "drag and quadratic_drag must be left out: MuJoCo has no such thing"),
+        (["--drop", "drag"], "quadratic_drag must be left out: MuJoCo has no such thing"),
+        (["--drop", "damping"], "drop, with --to mjcf, must be one of drag, quadratic_drag, gear"),
+    ):
+        with pytest.raises(SystemExit):
+            main([*words, *more])
+        assert message in capsys.readouterr().err.splitlines()[-1]
+        assert not out.exists()
+    assert main([*words, "--drop", "quadratic_drag,drag"]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert [line.partition(" = ")[0] for line in said] == [
+        "npend export: drops quadratic_drag", "npend export: drops drag"
+    ]  # fmt: skip
+    assert out.read_text() == to_mjcf(LINKS)
 
 
 @pytest.mark.parametrize(("options", "error", "message"), [

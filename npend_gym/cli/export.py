@@ -3,7 +3,8 @@
 A policy becomes a C99 header, which needs no library and allocates nothing. It computes torques
 from measured angles and velocities. The controllers LQR, damping and plan become such headers too.
 Files of ONNX and PyTorch have the network, with its memory as a tensor; LQR and damping become
-networks there. A chain becomes a model of MuJoCo, or a robot in URDF. See docs/howto/export.md and
+networks there. A chain becomes a model of MuJoCo, or a robot in URDF. These formats lack terms such
+as drag: fit the chain without them, or drop them. See docs/howto/export.md and
 docs/howto/mujoco.md.
 
 Examples
@@ -12,7 +13,7 @@ Examples
   npend export mine.safetensors --to c --prefix arm --relative -o arm.h
   npend export --controller plan --task swingup-2 --to c -o plan.h
   npend export swingup-3-robust --to torch -o policy.pt2
-  npend export --chain results/fit.json --to mjcf --motors 0 --limits 0.5 -o chain.xml
+  npend export --chain results/fit.json --to mjcf --drop quadratic_drag --motors 0 -o chain.xml
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from npend_gym.cli.common import OK, prepare_file, show_file
+from npend_gym.cli.common import OK, prepare_file, show_file, warn
 from npend_gym.cli.evaluate import chosen
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def run(
     chain: Chain | Mapping[str, Any] | str | None = None,
     prefix: str | None = None,
     relative: bool = False,
+    drop: Sequence[str] = (),
     trust: bool = False,
     controller: str | None = None,
     task: str | None = None,
@@ -65,12 +67,16 @@ def run(
         Prefix of the names in the header (default npend).
     relative : bool
         Sensors show the angle of each rod relative to the rod above it.
+    drop : sequence of str
+        Terms of the chain to drop, for mjcf (drag, quadratic_drag, gear) and urdf (drag,
+        quadratic_drag, armature, stiffness).
     controller : name, optional
         A controller in place of a policy: LQR, damping or, for c, plan.
     """
     from npend_gym import _checks, export
     from npend_gym._files import replacing
     from npend_gym.chain import as_chain
+    from npend_gym.export import mjcf, urdf
 
     prepare_file(out, (_SUFFIXES[to],))
     of_c = {"prefix": prefix, "relative": relative}
@@ -85,11 +91,16 @@ def run(
             raise ValueError(f"--to {to} needs --chain")
         if policy is not None or trust:
             raise ValueError(f"policy must be left out with --to {to}, which writes a chain")
-        whole = as_chain(chain)
+        given, lacks = as_chain(chain), (mjcf if to == "mjcf" else urdf).LACKS
+        whole = mjcf.without(given, drop, f"--to {to}", lacks)
+        for name, value in mjcf.held(given, drop).items():
+            warn(f"npend export: drops {name} = {value}: the {to} moves otherwise than the chain")
         text = export.to_mjcf(whole, **model) if to == "mjcf" else export.to_urdf(whole)
         with replacing(out) as file:
             file.write(text)
     else:
+        if drop:
+            raise ValueError("--drop is for --to mjcf or urdf, which lack terms")
         if chain is not None:
             raise ValueError("--chain is for --to mjcf or urdf")
         if controller is not None:

@@ -15,6 +15,7 @@ from npend_gym import _checks
 from npend_gym.chain import Chain, check_chain
 
 MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
+LACKS = "drag", "quadratic_drag", "gear"  # parameters that MuJoCo has not
 OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
 _MAX_BODIES = 496  # which make 500 elements inside each other: MuJoCo reads no more
 _MAX_TIMESTEP = 1.0  # s
@@ -89,7 +90,7 @@ def to_mjcf(
     >>> print(text.splitlines()[-3].strip())
     <motor name="motor0" joint="joint0" gear="1" ctrlrange="-5.0 5.0" />
     """
-    check_known(check_chain(chain), "MuJoCo", ("drag", "quadratic_drag", "gear"))
+    check_known(check_chain(chain), "MuJoCo", LACKS)
     bodies = chain.n + (chain.base is not None)
     _checks.count("the number of bodies in MuJoCo", bodies, high=_MAX_BODIES)
     root = ET.Element("mujoco", model=f"chain of {chain.n}")
@@ -119,15 +120,31 @@ def to_mjcf(
 
 def check_known(chain: Chain, where: str, lacks: Sequence[str]) -> None:
     """Refuse the parameters that another format `lacks`; gears matter to rotors behind joint 0."""
-    geared = np.isfinite(chain.gear[1:]) & (chain.armature[1:] > 0.0)
-    for name in lacks:
-        value: Any = getattr(chain, name)
-        if np.any(geared) if name == "gear" else value is not None and np.any(value):
-            shown = _checks.show(value.tolist())
-            raise ValueError(
-                f"{name} must be left out: {where} has no such thing, so fit or make "
-                f"the chain without it; got {shown}"
-            )
+    found = held(chain, lacks)
+    if found:
+        shown = "; ".join(f"{name}={value}" for name, value in found.items())
+        raise ValueError(
+            f"{' and '.join(found)} must be left out: {where} has no such thing, so fit or make "
+            f"the chain without it, or give --drop {','.join(found)} of npend export; got {shown}"
+        )
+
+
+def held(chain: Chain, names: Sequence[str]) -> dict[str, str]:
+    """Return those of some parameters that matter to a chain, as texts."""
+    geared = np.any(np.isfinite(chain.gear[1:]) & (chain.armature[1:] > 0.0))
+    found: dict[str, Any] = {name: getattr(chain, name) for name in names}
+    return {
+        name: _checks.show(value.tolist())
+        for name, value in found.items()
+        if (geared if name == "gear" else value is not None and np.any(value))
+    }
+
+
+def without(chain: Chain, names: Sequence[str], where: str, lacks: Sequence[str]) -> Chain:
+    """Return a chain without parameters that another format `lacks`: each has its default."""
+    for name in names:
+        _checks.choice(f"drop, with {where},", name, tuple(lacks))
+    return Chain.from_dict({k: v for k, v in chain.as_dict().items() if k not in names})
 
 
 def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:

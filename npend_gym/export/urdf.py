@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 from npend_gym.chain import Chain, check_chain
 from npend_gym.export.mjcf import check_known, inertia_of, returns_text, text_of
 
-_LACKS = ("drag", "quadratic_drag", "armature", "stiffness")
+LACKS = ("drag", "quadratic_drag", "armature", "stiffness")
 _NO_LIMIT = {"lower": "-1000", "upper": "1000", "effort": "1e9", "velocity": "1e9"}
 
 
@@ -41,7 +41,7 @@ def to_urdf(chain: Chain) -> str:
     >>> to_urdf(Chain.uniform(2)).count("<joint ")
     2
     """
-    check_known(check_chain(chain), "URDF", _LACKS)
+    check_known(check_chain(chain), "URDF", LACKS)
     root = ET.Element("robot", name=f"chain_of_{chain.n}")
     parent, place = "base", text_of(0.0, 0.0, 0.0)
     ET.SubElement(root, "link", name=parent)
