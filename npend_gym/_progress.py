@@ -5,12 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from operator import length_hint
 from typing import Any
 
 from tqdm import tqdm
 from typing_extensions import Self
 
 SECONDS = 10.0  # between two lines
+_KNOWN = "{l_bar}{bar}| {n_fmt} of {total_fmt} {unit} [{elapsed}<{remaining}{postfix}]"
 
 
 def bar(
@@ -31,15 +33,17 @@ def bar(
     title : str, optional
         Of the work.
     unit : str
-        What an item is called.
+        What items are called.
     total, initial : int
-        How many there are, and how many were done before.
+        How many there are, where `items` do not say, and how many were done before.
     leave : bool
         Whether a bar stays on the terminal.
     """
+    total = total or length_hint(items) or None
     if not sys.stderr.isatty():
         return _Lines(items, title, unit, total, initial)
     shown: dict[str, Any] = {"unit": unit, "total": total, "initial": initial, "leave": leave}
+    shown["bar_format"] = None if total is None else _KNOWN
     return tqdm(items, title, unit_scale=total is not None and total > 9999, **shown)
 
 
@@ -76,5 +80,5 @@ class _Lines:
         if self._done != self._total and time.monotonic() - self._shown >= SECONDS:
             self._shown = time.monotonic()
             of = f" of {self._total}" if self._total else ""
-            line = f"{self._title}{self._unit} {self._done}{of}{self._beside}"
+            line = f"{self._title}{self._done}{of} {self._unit}{self._beside}"
             print(line, file=sys.stderr, flush=True)

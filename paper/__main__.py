@@ -120,9 +120,9 @@ def run(options: dict[str, Any]) -> int:
     limits: list[dict[str, Any]] = []
     code, trouble = OK, ""
     try:
-        findings.extend(progress("finding", len(keys))(pending))
+        findings.extend(progress("findings", len(keys))(pending))
         if LAW in computed:
-            for n in progress("chain")(list(dict.fromkeys(grid.n_values))):
+            for n in progress("chains")(list(dict.fromkeys(grid.n_values))):
                 measured, small = grid.measure(n, threads), limit_rows([n])
                 cells, limits = cells + measured, limits + small
     except KeyboardInterrupt:

@@ -536,7 +536,7 @@ def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys, monk
     assert main([*arguments, "--out", out, "--workers", "1"]) == 0
     printed = capsys.readouterr()
     assert "20 of 20 releases done" in printed.out
-    assert printed.err == "release 8 of 20, 0 failed\nrelease 16 of 20, 0 failed\n"
+    assert printed.err == "8 of 20 releases, 0 failed\n16 of 20 releases, 0 failed\n"
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["complete"] is True
     assert manifest["provenance"]["arguments"]["trials"] == 20

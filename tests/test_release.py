@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from npend_gym import Chain, __version__, pseudo_periods, theory
+from npend_gym import Chain, __version__, _progress, pseudo_periods, theory
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.cli import main
 from npend_gym.experiments import (
@@ -296,3 +296,18 @@ def test_the_table_says_which_reading_is_no_whole_swing(reading, amplitude, said
     assert said in report.legend(plan)
     small = ReleaseExperiment(n_values=[1], reading="bob")
     assert report.legend(small).endswith("between these two")
+
+
+def test_progress_says_how_many_of_how_many_are_done(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(_progress, "SECONDS", 0.0)
+    command = ["release", "-n", "1,2,3,4", "-t", "1", "--page", str(tmp_path / "few.html")]
+    assert main(command) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:3] == ["1 of 4 releases", "2 of 4 releases", "3 of 4 releases"]
+    assert "2 of 4 chains" in lines
+
+
+def test_a_bar_on_a_terminal_says_it_too(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert list(_progress.bar([1, 2, 3, 4], unit="chains")) == [1, 2, 3, 4]
+    assert "4 of 4 chains" in capsys.readouterr().err

@@ -359,7 +359,7 @@ def test_a_training_that_is_done_removes_files_that_a_kill_has_left_half_written
 def test_where_the_error_stream_is_no_terminal_lines_tell_how_far_training_is(monkeypatch, capsys):
     monkeypatch.setattr(_progress, "SECONDS", 0.0)
     kept = Checkpoint(shac.settings_of("calm-2"))
-    assert list(kept.rounds({}, 3, "calm-2", "update")) == [1, 2, 3]
-    assert capsys.readouterr().err == "calm-2: update 1 of 3\ncalm-2: update 2 of 3\n"
-    assert list(kept.rounds({}, 3, None, "update")) == [1, 2, 3]
+    assert list(kept.rounds({}, 3, "calm-2", "updates")) == [1, 2, 3]
+    assert capsys.readouterr().err == "calm-2: 1 of 3 updates\ncalm-2: 2 of 3 updates\n"
+    assert list(kept.rounds({}, 3, None, "updates")) == [1, 2, 3]
     assert capsys.readouterr().err == ""

@@ -92,7 +92,7 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
         print(status.text(), flush=True)
     failed = 0
     code = OK
-    shown = bar(unit="release", total=plan.releases, initial=before)
+    shown = bar(unit="releases", total=plan.releases, initial=before)
     results = campaign.run(*workers)
     try:
         with shown:

@@ -44,7 +44,7 @@ def run(what: Literal["map"], *, threads: int = 1, out: Path = Path("chaos"), **
     plan = FlipMap(**chosen)
     outputs.prepare_folder(out)
     try:
-        times = plan.run(out, threads=threads, progress=progress("part"), tell=warn)
+        times = plan.run(out, threads=threads, progress=progress("parts"), tell=warn)
     except KeyboardInterrupt:
         warn("what was done is kept: the same command resumes")
         raise

@@ -265,7 +265,7 @@ def prepare_file(out: Path, suffixes: Sequence[str], name: str = "out") -> None:
 
 
 def progress(unit: str, total: int | None = None) -> Callable[[Iterable[_T]], Iterable[_T]]:
-    """Return a function that shows how far a loop over `unit`s is.
+    """Return a function that shows how far a loop is, as "2 of 4 chains"; `unit` is "chains" there.
 
     On a terminal it is a bar; where the error stream goes elsewhere, a line every ten seconds.
     """

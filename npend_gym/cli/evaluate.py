@@ -127,7 +127,7 @@ def run(
             rest = ", ".join(f"{key} {value:g}" for key, value in found.items() if key != "score")
             text.append(f"{score.__name__} {found['score']:.3f}: {rest}")
     if robust:
-        show = progress("criterion")
+        show = progress("criteria")
         tried = rl.robustness(model, judged, seed=seed, progress=show).as_dict()
         result["robustness"] = tried
         text.append(report.robustness_text(tried))
@@ -160,7 +160,7 @@ def chosen(
         task = task or _TASK
         refuse_said(env, ("n", "mode"), f"--task {task}")
         keywords = {**env_of_task(task), **env}
-        made = reference_controller(controller, keywords | {"id": env_id}, progress("plan"))
+        made = reference_controller(controller, keywords | {"id": env_id}, progress("plans"))
         return f"{controller} in {task}", made, keywords
     if task is not None:
         raise ValueError("--task is for a --controller: a policy knows its environment")

@@ -85,7 +85,7 @@ def run(
         prepare_results(out, "npend release")
     figures = out is not None and can_draw()
     try:
-        for one in progress("release")([] if runs else experiment.runs()):
+        for one in progress("releases")([] if runs else experiment.runs()):
             runs.append(measure(experiment, *one))
     except KeyboardInterrupt:
         interrupted = True
@@ -98,7 +98,7 @@ def run(
             if not as_json:
                 show_written(written)
     if page is not None and not interrupted:
-        recordings = record_first_trials(experiment, runs, progress("recording"))
+        recordings = record_first_trials(experiment, runs, progress("chains"))
         player.write(page, release_page.page(experiment, runs, recordings))
         if not as_json:
             show_file(page)

@@ -139,7 +139,7 @@ def run(
 
         fps = fps or (_FPS if policy is None else min(_FPS, speed / float(motion.times[1])))
         filmed = animation.Film(recordings[-1], fps=fps, speed=speed, size=size, diagrams=not plain)
-        animation.write(filmed, film, progress("picture"))
+        animation.write(filmed, film, progress("pictures"))
         show_file(film, f"{len(filmed)} pictures, {len(filmed) / fps:.1f} s, ")
     return OK
 

@@ -131,7 +131,7 @@ class Checkpoint:
         title : str, optional
             Of what is shown of the progress; without it nothing is.
         unit : str
-            What a round is called there.
+            What rounds are called there.
         """
         done = first - 1
         if self.saved is not None:

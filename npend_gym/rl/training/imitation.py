@@ -319,7 +319,7 @@ def train(
         "curve": curve,
         "clock": clock,
     }
-    for round_ in checkpoint.rounds(parts, settings.rounds, progress, "round", first=2):
+    for round_ in checkpoint.rounds(parts, settings.rounds, progress, "rounds", first=2):
         score = dagger.play(round_)
         dagger.learn(settings.updates)
         if round_ % 4 == 0:

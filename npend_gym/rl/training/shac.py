@@ -239,7 +239,7 @@ def train(
         "random": torch.default_generator,
     }  # fmt: skip
     checkpoint = checkpoint or Checkpoint(settings)
-    for k in checkpoint.rounds(parts, num_iterations, progress, "horizon"):
+    for k in checkpoint.rounds(parts, num_iterations, progress, "horizons"):
         left = 1.0 - (k - 1) / num_iterations
         learner.share = min(1.0, 1.5 * left + 0.02)
         new = collector.collect(learner.actor, settings.exploration * left)
