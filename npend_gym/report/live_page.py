@@ -142,6 +142,7 @@ def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
         most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
         plots="\n".join(map(_FIGURE.format, _PLOTS)),
+        models=_explained([each["name"] for each in data["models"]["each"]]),
         motors="\n".join(_choice(policy.env["n"]) for policy in policies),
     )
 
@@ -178,6 +179,12 @@ def _models(chain: Chain | None) -> dict[str, Any]:
             if limit in shown
         ],
     }
+
+
+def _explained(names: Sequence[str]) -> str:
+    """Return a list with a sentence on each model, and on the mean that stands beside them."""
+    rows = [f"<dt>{name}</dt><dd>{player.ABOUT_MODELS[name]}</dd>" for name in names]
+    return f'<dl class="models">{"".join(rows)}</dl>\n          ' if rows else ""
 
 
 def _about(chain: Chain) -> str:

@@ -101,11 +101,11 @@ def _law(
     experiment: ReleaseExperiment, runs: Sequence[Run], rows: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return the diagram of the pseudo-period against N: its series and the ranges of its axes."""
-    n_values: list[int] = [row["n"] for row in rows]
+    n_values: list[int] = sorted(row["n"] for row in rows)
     grid = n_values
     if experiment.has_any_n:
-        low, high = max(1.0, min(n_values) / 2), 1.5 * max(n_values)
-        grid = sorted({*np.geomspace(low, high, 40).round().astype(int).tolist(), *n_values})
+        between = np.geomspace(n_values[0], n_values[-1], 40)
+        grid = sorted({*between.round().astype(int).tolist(), *n_values})
     curves = {n: _models(experiment, n, experiment.amplitude) for n in grid}
     series: list[dict[str, Any]] = [
         {
@@ -122,13 +122,13 @@ def _law(
     series += [
         {"name": "each bob", "points": _finite(bobs), **blue, "style": "small"},
         {"name": "mean of a trial", "points": _finite(means), **blue, "style": ""},
-        {"name": "centre of mass", "points": _finite(centres), **pink},
+        {"name": "centre of mass", "points": _finite(centres), **pink, "style": "ring"},
     ]
     heights = [point[1] for one in series for point in one["points"]] or [1.0]
     axis = {"log": True}
     return {
         "series": series,
-        "x": {"low": 0.8 * min(grid), "high": 1.25 * max(grid), **axis},
+        "x": {"low": 0.8 * min(grid), "high": 1.25 * max(grid), "marks": n_values, **axis},
         "y": {"low": 0.8 * min(heights), "high": 1.25 * max(heights), **axis},
     }
 

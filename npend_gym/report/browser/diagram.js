@@ -9,12 +9,13 @@ function draw(parent, name, attributes, text) {
   return parent.appendChild(element);
 }
 
-/** Round (or whole) numbers between low and high: at most eight; 1, 2, 5, 10, ... on a log axis with two of them. */
-function ticks({ low, high, log, whole }) {
+/** Round (or whole) numbers between low and high: at most eight; 1, 2, 5, 10, ... on a log axis with four of them. */
+function ticks({ low, high, log, whole, marks }) {
+  if (marks) return marks;
   const decades = Array.from({ length: 15 }, (_, k) => 10 ** (k - 6));
   const round = decades.flatMap((power) => [1, 2, 5].map((digit) => digit * power));
   const within = round.filter((value) => value >= low && value <= high);
-  if (log && within.length > 1) return within;
+  if (log && within.length > 3) return within;
   const step = round.find((size) => (high - low) / size <= 8 && !(whole && size < 1));
   const first = Math.ceil(low / step), count = Math.floor(high / step) - first + 1;
   return Array.from({ length: count }, (_, k) => (first + k) * step);
@@ -42,6 +43,15 @@ function drawAxes(svg, x, y, across, up) {
   draw(svg, "text", { x: 4, y: BOX.top - 10 }, y.label);
 }
 
+/** The path through points: straight, `smooth` (a Catmull-Rom spline), or a dash through a single one. */
+function path(at, smooth) {
+  if (at.length === 1) return `M${at[0][0] - 14},${at[0][1]}h28`;
+  if (!smooth) return `M${at.join("L")}`;
+  const from = (k) => at[Math.min(Math.max(k, 0), at.length - 1)];
+  const beside = (k, side) => from(k).map((place, c) => place + (side * (from(k + 1)[c] - from(k - 1)[c])) / 6);
+  return `M${at[0]}` + at.slice(1).map((to, k) => `C${beside(k, 1)} ${beside(k + 1, -1)} ${to}`).join("");
+}
+
 /** Draw series of {x, y, text} as lines or dots, whose texts show by hover and arrow keys. */
 function plot(svg, label, x, y, series) {
   const across = scaled(x, BOX.left, BOX.right), up = scaled(y, BOX.bottom, BOX.top);
@@ -51,12 +61,12 @@ function plot(svg, label, x, y, series) {
   drawAxes(svg, x, y, across, up);
   const legend = svg.parentElement.querySelector(".legend"), dots = [];
   legend.replaceChildren();
-  for (const { name, color, kind, style = "", points } of series) {
+  for (const { name, color, kind, style = "", smooth, points } of series) {
     const key = document.createElement("span"), look = `--color: var(--${color})`;
     Object.assign(key, { textContent: name, className: `${kind} ${style}`, style: look });
     legend.append(key);
     const at = points.map((point) => [across(point.x), up(point.y)]);
-    if (kind === "line") draw(svg, "path", { class: `line ${style}`, style: look, d: `M${at.join("L")}` });
+    if (kind === "line") draw(svg, "path", { class: `line ${style}`, style: look, d: path(at, smooth) });
     points.forEach((point, k) => {
       const r = kind === "line" ? 0 : style === "small" ? 2.5 : 4.5;
       const shape = { class: `dot ${style}`, style: look, cx: at[k][0], cy: at[k][1], r };

@@ -7,17 +7,36 @@ let film = null; // a MediaRecorder that runs
 
 /** The angles of a release [rad]: those that the reader has written, the last one for rods without, or the slider's. */
 function written() {
-  const asked = numbers($("angles").value).slice(0, $("n").max);
-  if (asked.length > 1 && !given) $("n").value = asked.length;
+  const { angles } = understood();
+  if (angles.length > 1 && !given) $("n").value = angles.length;
   const n = parameters().masses.length;
-  return Array.from({ length: n }, (_, k) => ((asked[k] ?? asked.at(-1) ?? value("angle")) / 180) * Math.PI);
+  return Array.from({ length: n }, (_, k) => ((angles[k] ?? angles.at(-1) ?? value("angle")) / 180) * Math.PI);
 }
 
-/** The numbers of a text, between commas, semicolons or blanks; beside semicolons a comma is a decimal one. */
-function numbers(text) {
+/**
+ * The angles [degrees] in the reader's text, or what is `wrong` with it. They stand between commas,
+ * semicolons or blanks; beside semicolons a comma is a decimal one.
+ */
+function understood() {
+  const text = $("angles").value, most = given ? given.masses.length : Number($("n").max);
   const plain = text.replace(/[\u2212\u2013]/g, "-").replaceAll("\u00b0", " ");
-  const parts = plain.includes(";") ? plain.replaceAll(",", ".").split(/[;\s]+/) : plain.split(/[,\s]+/);
-  return parts.filter(Boolean).map(Number).filter(Number.isFinite).map(bounded);
+  const parts = (plain.includes(";") ? plain.replaceAll(",", ".").split(/[;\s]+/) : plain.split(/[,\s]+/)).filter(Boolean);
+  const odd = parts.find((part) => !Number.isFinite(Number(part)));
+  if (odd) return { angles: [], wrong: `\u201c${odd}\u201d is no number. Write degrees, one for each rod, as in 120, -10.` };
+  if (parts.length > most) return { angles: [], wrong: `${parts.length} angles, but at most ${plural(most, "rod")}.` };
+  return { angles: parts.map(Number).map(bounded), decimal: !plain.includes(";") && /\d,\d/.test(plain) };
+}
+
+/** Say what was understood of the angles, or what is wrong with them. */
+function sayAngles() {
+  const { angles, wrong = "", decimal } = understood(), n = parameters().masses.length;
+  const each = angles.map((angle) => `${angle}\u00b0`.replace("-", "\u2212"));
+  let text = wrong;
+  if (each.length) text = `${plural(n, "rod")}: ${each.join(", ")}${n > each.length ? `, and ${each.at(-1)} for the others` : ""}.`;
+  if (decimal) text += " A decimal has a point: 120.5, -10.";
+  if (text !== $("understood").textContent) $("understood").textContent = text;
+  $("understood").className = wrong ? "hint wrong" : "hint";
+  $("angles").setAttribute("aria-invalid", Boolean(wrong));
 }
 
 function record() {
@@ -31,7 +50,7 @@ function showPlots() {
   if (!$("lesson").open) return;
   const { n } = chain, shown = rows.slice(-SHOWN).filter((_, k) => k % 2 === 0), energy = 2 * n + 1;
   if (shown.length < 2) return;
-  const series = (name, color, x, y, style) => ({ name, color, style, kind: "line", points: shown.map((row) => ({
+  const series = (name, color, x, y, style) => ({ name, color, style, kind: "line", smooth: true, points: shown.map((row) => ({
     x: x(row), y: y(row), text: `${x(row).toFixed(2)}, ${y(row).toFixed(2)}` })) });
   const axis = (label, all) => { // wide enough for labels that differ
     const low = Math.min(...all), least = 1e-3 * Math.max(1, Math.abs(low));
@@ -80,6 +99,7 @@ $("film").onclick = () => {
   $("film").textContent = "Stop and save";
 };
 $("film").hidden = !globalThis.MediaRecorder;
-$("angles").onchange = $("twin").onchange = release;
+$("angles").onchange = () => (understood().wrong ? sayAngles() : release());
+$("twin").onchange = release;
 $("lesson").ontoggle = showPlots;
 setInterval(() => player.playing && showPlots(), 300);

@@ -67,6 +67,7 @@ function showValues() {
     $(`${id}-value`).textContent = text;
     $(id).setAttribute("aria-valuetext", text.replace("\u00d7", "times"));
   }
+  sayAngles();
   const choice = chosen === null ? "" : `; ${jointName(chosen)} is chosen`;
   $("chain").setAttribute("aria-label", `${plural(chain.n, "pendulum")}${choice}`);
 }
