@@ -1,9 +1,9 @@
 """Kernels as Python calls them: machine code that is kept on the disk, loaded and called.
 
 A kernel is compiled for each kind of arguments that it is given: the types of arrays, tuples and
-numbers. Its machine code is an object file, which LLVM loads. The function in it (`entry`) is given
-the tuple of arguments as it is, looks whether they are of its kind, reads the arrays, lets other
-threads of Python run, and runs the kernel. Numba is not needed for that.
+numbers. Its machine code is an object file, which LLVM loads. Python calls the function `entry` in
+it with the tuple of arguments. It checks that they are of its kind, and reads the arrays. Then it
+lets other threads of Python run, and runs the kernel. Numba is not needed for that.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -47,7 +47,7 @@ _LOCK = threading.RLock()
 
 
 class Word(IntEnum):
-    """What an entry is told of Python: words of 64 bits, before the addresses that it needs."""
+    """What an entry knows of Python: words of 64 bits, before the addresses that it needs."""
 
     ITEMS = 0  # place of the items in a tuple
     HEAD = 1  # size of an object's head, behind which an array has what describes it

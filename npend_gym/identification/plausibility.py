@@ -179,7 +179,7 @@ def check_values(found: Chain, given: Chain, motion: Motion, *, weighed: bool) -
     ------
     RuntimeError
         If a centre of mass is more than ten lengths of its link from its joint. Of free swings, if
-        the fitted chain swings ten times as slowly or as fast as the data, or a link needs ten
+        the fitted chain swings ten times as slowly or as fast as the data. Or if a link needs ten
         times the mass that was given.
     """
     lengths = found.lengths.tolist()
