@@ -44,6 +44,7 @@ class Recording:
     provenance: dict[str, Any]
     joint: int = 0  # whose torque is recorded; 0 is the pivot, n the cart
     rail: float = 0.0  # half its length [m]; 0 where there is none
+    timed: bool = True  # whether pseudo-periods are asked for: of a release
 
     def signals(self) -> FloatArray:
         """Return the signal of every bob whose changes of sign the reading counts, shape (T, n).
@@ -165,8 +166,14 @@ def record_simulation(
         caption = f"release from {np.degrees(first[0]):.3g} degrees, {caption}"
     given = {"chain": chain, "theta": first, "omega": motion.omega[0]}
     made = provenance(plain_keywords(given | {"seconds": seconds, "reading": reading}))
+    shared: dict[str, Any] = {
+        "reading": reading,
+        "caption": caption,
+        "provenance": made,
+        "timed": is_release,
+    }
     return [
-        Recording(one, _recorded(periods, one), np.zeros(one.times.size), reading, caption, made)
+        Recording(one, _recorded(periods, one), np.zeros(one.times.size), **shared)
         for one in (_at(motion, some) for some in instants)
     ]
 
@@ -213,8 +220,9 @@ def record_motion(motion: Trajectory) -> Recording:
     still = np.zeros(motion.times.size)
     caption = f"n = {motion.chain.n}"
     return Recording(
-        moved, np.full(motion.chain.n, np.nan), still, "bob", caption, motion.provenance
-    )
+        moved, np.full(motion.chain.n, np.nan), still, "bob", caption, motion.provenance,
+        timed=False,
+    )  # fmt: skip
 
 
 def record_first_trials(
@@ -291,7 +299,8 @@ def record_episode(
     cart: dict[str, Any] = {}
     if config.has_cart:
         cart = {name: np.array([i[f"cart_{name}"] for i in infos]) for name in PIVOT}
-    periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)
+    timed = config.mode.measures_com
+    periods = np.where(timed & (info["pseudo_periods"] > 0.0), info["pseudo_periods"], np.nan)
     name_of_limit = "max_force" if config.has_cart else "max_torque"
     drawn = dict(zip(config.context_names, info.get("context", ()), strict=True))
     limit = drawn.get(name_of_limit, getattr(config, name_of_limit)) or 1.0
@@ -305,4 +314,5 @@ def record_episode(
         provenance({"policy": name, "seconds": seconds, "env": plain_keywords(keywords)}, seed),
         int(config.joints[0]) if config.joints.size else 0,
         config.rail or 0.0,
+        timed,
     )

@@ -13,6 +13,7 @@ from conftest import wait_for
 from PIL import Image
 
 from npend_gym import Cart, Chain, simulate
+from npend_gym.physics.energy import potential_energy
 
 
 @pytest.fixture(scope="module")
@@ -101,8 +102,29 @@ def test_a_motion_is_plotted_as_it_was_computed(motion):
         for line, expected in zip(ax.lines, values.T, strict=True):
             np.testing.assert_array_equal(line.get_xdata(), motion.times)
             np.testing.assert_array_equal(line.get_ydata(), expected)
-    np.testing.assert_array_equal(axes[2].lines[0].get_ydata(), motion.energy())
+    energy, kinetic, potential = (line.get_ydata() for line in axes[2].lines)
+    np.testing.assert_array_equal(energy, motion.energy())
+    np.testing.assert_allclose(potential, potential_energy(motion.chain, motion.theta), atol=1e-9)
+    np.testing.assert_array_equal(kinetic, motion.kinetic_energy())
     plt.close(axes[0].figure)
+
+
+@pytest.mark.parametrize("n", [2, 7, 12])
+def test_rods_of_a_plot_look_different_and_its_legends_cover_no_line(n):
+    import matplotlib.pyplot as plt
+    from matplotlib.colors import to_hex
+
+    axes = simulate(Chain.uniform(n), 1.0, 0.0, np.linspace(0.0, 2.0, 21)).plot()
+    figure = axes[0].figure
+    colors = {to_hex(line.get_color()) for line in axes[0].lines}
+    assert len(colors) == n
+    figure.canvas.draw()
+    assert all(ax.get_legend() is None for ax in axes)
+    for legend in figure.legends:
+        assert not any(legend.get_window_extent().overlaps(ax.get_window_extent()) for ax in axes)
+    names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert ("rod 1" in names and "rod 0" not in names) == (n <= 10)
+    plt.close(figure)
 
 
 def test_a_plot_shows_the_energy_of_a_counterweight():

@@ -6,7 +6,12 @@ import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.experiments import ReleaseExperiment, Run, measure
-from npend_gym.recording import record_episode, record_release, record_simulation
+from npend_gym.recording import (
+    record_episode,
+    record_motion,
+    record_release,
+    record_simulation,
+)
 
 
 def recorded(interval=0.02, **fields):
@@ -133,6 +138,17 @@ def test_an_episode_that_fails_ends_the_recording():
     assert 0.5 < recording.motion.times[-1] < 10.0
     tip = recording.motion.positions()[:, -1, 1]
     assert tip[-1] < 0.5 <= tip[:-1].min()
+
+
+def test_pseudo_periods_are_asked_for_of_releases_alone():
+    chain = Chain.uniform(2)
+    assert record_simulation(chain, 0.7, 0.0, 1.0, 0.1)[0].timed
+    assert not record_simulation(chain, 0.7, 1.0, 1.0, 0.1)[0].timed
+    assert not record_motion(simulate(chain, 0.7, 0.0, [0.0, 1.0])).timed
+    for mode, timed in (("passive", True), ("swingup", False)):
+        wait = np.zeros(1, int) if timed else np.zeros((1, 1))
+        swung = record_episode(lambda *_, wait=wait: wait, {"mode": mode, "n": 1}, seconds=6.0)
+        assert swung.timed == timed
 
 
 def test_passive_episodes_measure_what_the_release_measures():

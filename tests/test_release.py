@@ -282,6 +282,13 @@ def test_no_percent_of_error_is_half_a_swing_beyond_a_right_angle(reading, capsy
     assert row["corrected_error"] < 1e-5
 
 
+def test_titles_of_figures_say_degrees(runs):
+    from npend_gym.report import release_figures
+
+    title = release_figures.period_against_n(SMALL, runs).axes[0].get_title()
+    assert title.startswith("Release from 45 degrees, ")
+
+
 @pytest.mark.parametrize(
     ("reading", "amplitude", "said"),
     [

@@ -4,11 +4,13 @@ import pickle
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from npend_gym.render import Painter, Scene, tile
+from npend_gym.render.painter import _write, pygame_module
 from npend_gym.window import Window
 
 TIP, TORQUE = (0xD5, 0x5E, 0x00), (0xCC, 0x79, 0xA7)
@@ -156,6 +158,35 @@ def test_text_stands_in_the_corners_and_never_in_the_disc():
         (False, False), (False, True), (True, False), (True, True),
     }  # fmt: skip
     assert np.hypot(rows - 239.5, columns - 239.5).min() > 0.44 * 480
+
+
+@pytest.mark.parametrize(
+    ("n", "size", "written"),
+    [
+        (2, 480, "pseudo-period, mean of 1 of 2 bobs: 0.829 s"),
+        (2, 215, "pseudo-period (1 of 2 bobs): 0.829 s"),
+        (2, 200, "pseudo-period: 0.829 s"),
+        (1, 240, "pseudo-period: 0.829 s"),
+    ],
+)
+def test_a_pseudo_period_is_named_and_absent_where_none_is_asked_for(n, size, written):
+    pg = pygame_module()
+    pg.font.init()
+
+    def texts_of(scene):
+        texts = []
+
+        class Font(pg.font.Font):
+            def render(self, text, *rest):
+                texts.append(text)
+                return super().render(text, *rest)
+
+        fonts = SimpleNamespace(init=pg.font.init, Font=Font)
+        _write(fonts, pg.Surface((size, size), 0, 32), scene)
+        return texts
+
+    assert written in texts_of(hanging_arc(n, pseudo_period=0.829, completed=1))
+    assert not any("period" in text for text in texts_of(hanging_arc(n)))
 
 
 def test_small_pictures_have_no_text():

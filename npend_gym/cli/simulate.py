@@ -1,9 +1,10 @@
 """Simulate a motion, or an episode of a policy: as numbers, a table, a plot, a film.
 
-Without --csv, --plot and --film it prints the first state, the last state and the energy. Angles
-are zero where a rod hangs; give one for all rods or one for each. A film shows the chain with the
-trace of its tip, the direction of each bob, and the energy. After a release from rest, a black dot
-marks where and when a bob completes its pseudo-period.
+Without --csv, --plot and --film it prints the first state, the last state and the energy. Rods
+count from 1 at the pivot; the columns of a table count as arrays do, from theta0. Angles are zero
+where a rod hangs; give one for all rods or one for each. A film shows the chain with the trace of
+its tip, the direction of each bob, and the energy. After a release from rest, a black dot marks
+where and when a bob completes its pseudo-period.
 
 Examples
 --------
@@ -195,7 +196,7 @@ def _show(motion: Trajectory) -> None:
     print("".join(f"{head:>14}" for head in heads).rstrip())
     state = np.column_stack([motion.theta[0], motion.omega[0], motion.theta[-1], motion.omega[-1]])
     for rod in range(min(n, _SHOWN)):
-        print(f"{rod:>14}" + "".join(f"{value:>14.6f}" for value in state[rod]))
+        print(f"{rod + 1:>14}" + "".join(f"{value:>14.6f}" for value in state[rod]))
     if n > _SHOWN:
         print(f"{'...':>14}{f'{n} rods':>14}")
     print(f"energy {energy[0]:.6g} J, at the end {energy[-1]:.6g} J")

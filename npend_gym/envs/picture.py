@@ -118,7 +118,7 @@ class Camera:
             reach=max(rail, episodes.chain_length(lane), float(np.abs(positions).max())),
             time=float(info["time"][lane]),
             energy=float(info["energy"][lane]),
-            pseudo_period=float(info["pseudo_period"][lane]),
+            pseudo_period=float(info["pseudo_period"][lane]) if config.mode.measures_com else None,
             completed=int(info["bobs_completed"][lane]),
             torque=float(torques[0]) if torques.size else 0.0,
             caption=f"{config.mode.name}, n = {config.chain.n}",

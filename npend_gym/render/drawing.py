@@ -32,7 +32,7 @@ class Scene:
     reach: float  #: length of what is shown [m]; the disc of this radius is always in view
     time: float = 0.0  #: [s]
     energy: float = 0.0  #: above rest [J]
-    pseudo_period: float = 0.0  #: [s]; zero: not measured yet
+    pseudo_period: float | None = None  #: mean [s]; zero: not complete yet; None: not asked for
     completed: int = 0  #: number of bobs whose pseudo-period is complete
     torque: float = 0.0  #: at `joint` over its limit, in [-1, 1]; counter-clockwise is positive
     caption: str = ""  #: one line of text
@@ -59,7 +59,8 @@ class Scene:
         _checks.positive_number("reach", self.reach)
         _checks.number("time", self.time)
         _checks.number("energy", self.energy)
-        _checks.nonnegative_number("pseudo_period", self.pseudo_period)
+        if self.pseudo_period is not None:
+            _checks.nonnegative_number("pseudo_period", self.pseudo_period)
         _checks.nonnegative_number("rail", self.rail)
         _checks.number("cart", self.cart)
         _checks.count("completed", self.completed, low=0, high=len(self.positions))

@@ -64,18 +64,27 @@ def _write(fonts: Any, picture: Any, scene: Scene) -> None:
     size = picture.get_width()
     font = fonts.Font(None, max(13, round(0.046 * size)))
     margin = round(0.018 * size)
-    period = f"{scene.pseudo_period:.3f} s" if scene.pseudo_period else "-"
-    if len(scene.positions) > 1:
-        period = f"mean of {scene.completed} of {len(scene.positions)} bobs: {period}"
-    else:
-        period = f"pseudo-period: {period}"
     energy = f"E = {scene.energy:#.4g}".rstrip(".") + " J"
+    room = size - 5 * margin - font.size(energy)[0]
+    period = next((text for text in _periods(scene) if font.size(text)[0] <= room), "")
     rows = (scene.caption, f"t = {scene.time:.2f} s"), (energy, period)
     for (left, right), top in zip(rows, (margin, size - margin - font.get_height()), strict=True):
         start = size - margin - font.size(right)[0]
         room = (0, 0, start - 3 * margin, size)  # what does not fit is cut off
         picture.blit(font.render(left[:size], True, rgb(INK)), (margin, top), room)
         picture.blit(font.render(right, True, rgb(INK)), (start, top))
+
+
+def _periods(scene: Scene) -> tuple[str, ...]:
+    """Return what can be written of the pseudo-period, the longest first."""
+    if scene.pseudo_period is None:
+        return ()
+    period, n = f"{scene.pseudo_period:.3f} s" if scene.pseudo_period else "-", len(scene.positions)
+    short = f"pseudo-period: {period}"
+    if n == 1:
+        return (short,)
+    of = f"{scene.completed} of {n} bobs"
+    return f"pseudo-period, mean of {of}: {period}", f"pseudo-period ({of}): {period}", short
 
 
 def check_frame(name: str, value: object, shape: tuple[int, ...] = ()) -> Frame:

@@ -137,7 +137,7 @@ class Film:
             reach=self._reach,
             time=float(time),
             energy=float(self._energy[now]),
-            pseudo_period=float(recording.periods[done].mean()) if done.any() else 0.0,
+            pseudo_period=self._mean(done),
             completed=int(done.sum()),
             torque=0.0 if on_cart else acts,
             caption=recording.caption,
@@ -149,6 +149,12 @@ class Film:
             cart=float(self._cart[now]),
             force=acts if on_cart else 0.0,
         )
+
+    def _mean(self, done: Any) -> float | None:
+        """Return the mean pseudo-period [s] of bobs, 0 for none; None where none is asked for."""
+        if not self.recording.timed:
+            return None
+        return float(self.recording.periods[done].mean()) if done.any() else 0.0
 
     def _diagrams_at(
         self, k: int, before: Frame, after: Frame, box: tuple[int, int, int, int]
@@ -182,7 +188,8 @@ def _draw(recording: Recording) -> Figure:
     )
     axes[0].set(ylim=(n + 0.5, 0.5), ylabel="bob, from the pivot")
     titles = _AROUND if recording.is_around else _TITLES
-    axes[0].set_title(titles[recording.reading], fontsize=9)
+    title = titles[recording.reading]
+    axes[0].set_title(title if recording.timed else title.partition(";")[0], fontsize=9)
     axes[0].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     kinetic = motion.kinetic_energy()
     lowest = min(0.0, float((motion.energy() - kinetic).min()))  # negative with a counterweight

@@ -28,7 +28,7 @@ def law_against_n(group: CellGroup) -> Figure:
         n_values = np.array([point.n for point in fit.points])
         periods = np.array([point.period for point in fit.points])
         color, marker = shade(k / max(1, len(chosen) - 1)), _MARKERS[k % len(_MARKERS)]
-        label = f"{fit.amplitude:.3g} rad: exponent {fit.p}"
+        label = f"{np.degrees(fit.amplitude):.4g} degrees: exponent {fit.p}"
         top.plot(n_values, periods, marker, color=color, label=label)
         top.plot(n_values, periods / (1.0 + fit.residuals), color=color, linewidth=0.9)
         bottom.plot(n_values, fit.residuals, marker + "-", color=color, linewidth=0.9, markersize=5)

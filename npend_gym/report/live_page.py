@@ -105,11 +105,11 @@ def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
         What the reader may let swing up rods; none beside a chain.
     start : Start
     """
-    chain = start.chain
+    chain, models = start.chain, _models(start.chain)
     data = {
         "layout": engine.layout,
         "physics": {"gravity": STANDARD_GRAVITY, **engine.constants},
-        "models": _models(chain),
+        "models": models,
         "chain": None if chain is None else engine.chain,
         "policies": [
             {
@@ -142,7 +142,7 @@ def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
         most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
         plots="\n".join(map(_FIGURE.format, _PLOTS)),
-        models=_explained([each["name"] for each in data["models"]["each"]]),
+        models=_explained([each["name"] for each in models["each"]]),
         motors="\n".join(_choice(policy.env["n"]) for policy in policies),
     )
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from npend_gym import _checks
-from npend_gym._palette import BLACK, ORANGE
+from npend_gym._palette import BLACK, GREEN, ORANGE
 from npend_gym.recording import record_motion
 from npend_gym.report import player
 
@@ -106,7 +106,7 @@ def plot(motion: Any) -> Any:
     >>> [axes.get_ylabel() for axes in motion.plot()]
     ['angle [rad]', 'angular velocity [rad/s]', 'energy [J]']
     """
-    from npend_gym.report.style import context, shade
+    from npend_gym.report.style import context, legend_below, rod_colors
 
     shown = record_motion(motion).motion
     import matplotlib.pyplot as plt
@@ -114,18 +114,19 @@ def plot(motion: Any) -> Any:
     with context():
         figure, axes = plt.subplots(3, 1, sharex=True, figsize=(6.4, 5.6))
         n = shown.chain.n
-        for rod in range(n):
-            color = shade((rod + 1) / n)
+        for rod, color in enumerate(rod_colors(n)):
             for ax, values in zip(axes, (motion.theta, motion.omega), strict=False):
-                ax.plot(motion.times, values[:, rod], color=color, label=f"rod {rod}")
-        axes[2].plot(motion.times, motion.energy(), color=BLACK, label="energy")
-        axes[2].plot(motion.times, motion.kinetic_energy(), color=ORANGE, label="kinetic")
+                ax.plot(motion.times, values[:, rod], color=color, label=f"rod {rod + 1}")
+        energy, kinetic = motion.energy(), motion.kinetic_energy()
+        axes[2].plot(motion.times, energy, color=BLACK, label="energy")
+        axes[2].plot(motion.times, kinetic, color=ORANGE, label="kinetic")
+        axes[2].plot(motion.times, energy - kinetic, "--", color=GREEN, label="potential")
         labels = ("angle [rad]", "angular velocity [rad/s]", "energy [J]")
         for ax, label in zip(axes, labels, strict=True):
             ax.set_ylabel(label)
-        lowest = min(0.0, float(motion.energy().min()))  # negative with a counterweight
+        lowest = min(0.0, float((energy - kinetic).min()))  # negative with a counterweight
         axes[2].set(xlabel="time [s]", ylim=(lowest, None))
-        axes[2].legend(loc="lower right", ncols=2)
+        legend_below(figure, axes[2], 3)
         if n <= _MOST_LABELS:
             handles, names = axes[0].get_legend_handles_labels()
             figure.legend(handles, names, loc="outside upper center", ncols=min(n, 5))

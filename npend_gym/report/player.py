@@ -41,13 +41,10 @@ MODELS = {
     "T(N,a)": {"color": "pink", "style": ""},
 }
 ABOUT_MODELS = {
-    "T0": "The paper's formula: the period of a single pendulum as long as the chain, for small "
-    "angles.",
+    "T0": "The paper's formula: the period of one pendulum as long as the chain, for small angles.",
     "T0+a": "T0, longer by as much as the period of a single pendulum is longer from this angle.",
-    "T1": "The period of the slowest normal mode, in which the chain would swing for ever if angles "
-    "were small.",
-    "T(N,a)": "The law of the centre of mass: its period for small angles, longer from this angle as "
-    "T0+a is.",
+    "T1": "The period of the slowest normal mode: the slowest swing that repeats, if small.",
+    "T(N,a)": "The law of the centre of mass: its period for small angles, longer as T0+a is.",
 }
 
 

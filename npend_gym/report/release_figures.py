@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,7 +39,8 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
     axes.plot([], [], "_", color=_BOB, markersize=7, label="measured, each bob")
     axes.plot([], [], "D", color=BLACK, markersize=3.5, label="measured, centre of mass")
     axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
-    axes.set_title(f'Release from {experiment.amplitude:.3g} rad, reading "{experiment.reading}"')
+    start = math.degrees(experiment.amplitude)
+    axes.set_title(f'Release from {start:.4g} degrees, reading "{experiment.reading}"')
     mark_numbers(axes.xaxis, n_values)
     _plain_log_ticks(axes)
     axes.legend()

@@ -8,7 +8,17 @@ from importlib.resources import as_file, files
 from typing import Any, ParamSpec
 
 from npend_gym import _extras
-from npend_gym._palette import BLACK, BLUE, SKY
+from npend_gym._palette import (
+    AMBER,
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PINK,
+    RAMP,
+    SKY,
+    mixed,
+)
 
 try:
     import matplotlib.style
@@ -18,6 +28,7 @@ except (ImportError, ValueError) as _error:  # ValueError: of a wrong MPLBACKEND
     raise _extras.missing("matplotlib", "plot", "figures", _error) from _error
 
 TRIALS = (("o", SKY), ("s", BLUE), ("^", BLACK))
+_RODS = BLUE, ORANGE, GREEN, PINK, AMBER, SKY, BLACK
 
 _P = ParamSpec("_P")
 
@@ -49,6 +60,13 @@ def panels(
 def shade(share: float) -> tuple[float, float, float]:
     """Return a blue, the darker the larger `share` (0 to 1)."""
     return 0.65 * (1.0 - share), 0.25 + 0.55 * (1.0 - share), 0.45 + 0.5 * (1.0 - share)
+
+
+def rod_colors(n: int) -> list[Any]:
+    """Return a colour for each of n rods: the distinct ones, or shades from pivot to tip."""
+    if n <= len(_RODS):
+        return [*_RODS[:n]]
+    return [tuple(c / 255.0 for c in mixed(RAMP, rod / (n - 1))) for rod in range(n)]
 
 
 def legend_below(figure: Figure, axes: Any, columns: int) -> None:
