@@ -30,6 +30,7 @@ def main() -> None:
         .env_runners(
             num_env_runners=arguments.runners,
             num_envs_per_env_runner=16,
+            gym_env_vectorize_mode="vector_entry_point",  # the native vector environment
             sample_timeout_s=600,  # the first step compiles
         )
         .training(

@@ -68,6 +68,8 @@ def test_the_pages_name_many_commands():
 
 ELSEWHERE = {  # why a command is not run here
     "train_rllib": "Ray has an environment of its own",
+    "train_skrl": "skrl, too",
+    "train_tianshou": "Tianshou, too",
     "make_dataset": "Minari, too",
     "clone_behaviour": "Minari, too",
     "--address": "it needs a cluster",

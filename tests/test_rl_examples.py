@@ -5,6 +5,7 @@ import errno
 import importlib
 import inspect
 import json
+import os
 import re
 import shutil
 
@@ -598,6 +599,53 @@ def test_train_rllib_runs_one_iteration(tmp_path):
     arguments = ["--iterations", 1, "--runners", 1, "--batch", 512]
     out = run_python("-W", "ignore", EXAMPLES / "train_rllib.py", *arguments, cwd=tmp_path)
     assert "iteration 1: 512 steps" in out
+
+
+@pytest.mark.long
+def test_rllib_plays_the_same_episodes_in_native_and_in_single_environments():
+    pytest.importorskip("ray.rllib")
+    code = """
+import ray, torch
+from train_rllib import PPOConfig, TASK, TASK_ID
+ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False)
+for mode in ("vector_entry_point", "sync"):
+    config = PPOConfig().environment(TASK_ID, env_config=TASK)
+    config.env_runners(num_env_runners=0, num_envs_per_env_runner=2, gym_env_vectorize_mode=mode)
+    config.training(train_batch_size_per_learner=402, minibatch_size=201, num_epochs=1)
+    algorithm = config.debugging(seed=0).build_algo()
+    returns = [algorithm.train()["env_runners"]["episode_return_mean"] for _ in range(2)]
+    print(type(algorithm.env_runner.env.unwrapped).__name__, *returns)
+"""
+    paths = os.environ | {"PYTHONPATH": f"{EXAMPLES}{os.pathsep}{EXAMPLES.parent}"}
+    out = run_python("-W", "ignore", "-c", code, env=paths).splitlines()
+    rows = dict(line.split(" ", 1) for line in out if "VectorEnv" in line)
+    assert rows.keys() == {"NPendulumVectorEnv", "SyncVectorEnv"}
+    assert rows["NPendulumVectorEnv"] == rows["SyncVectorEnv"]
+    assert "nan" not in rows["SyncVectorEnv"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("library", ["skrl", "tianshou"])
+def test_ppo_of_another_library_brings_a_rod_to_rest(library, tmp_path):
+    pytest.importorskip(library)
+    out = run_python("-W", "ignore", EXAMPLES / f"train_{library}.py", cwd=tmp_path)
+    assert out.splitlines()[-1] == "brought to rest: 100%"
+
+
+@pytest.mark.long
+def test_skrl_renders_the_native_environment_unless_it_is_headless(tmp_path):
+    pytest.importorskip("skrl")
+    pytest.importorskip("pygame")
+    code = """
+import gymnasium, npend_gym
+from skrl.envs.wrappers.torch import wrap_env
+envs = gymnasium.make_vec("npend/Calm-v1", num_envs=2, render_mode="rgb_array", render_size=40)
+env = wrap_env(envs, wrapper="gymnasium")
+env.reset()
+print([picture.shape for picture in env.render()])
+"""
+    out = run_python("-W", "ignore", "-c", code, cwd=tmp_path)
+    assert out == "[(40, 40, 3), (40, 40, 3)]\n"
 
 
 @pytest.mark.long

@@ -238,6 +238,25 @@ def test_the_spec_of_a_vector_environment_survives_json_with_every_autoreset_mod
     assert_same(again.reset(seed=1), envs.reset(seed=1))
 
 
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("name", ["NormalizeObservation", "RescaleObservation", "ClipAction"])
+def test_gymnasiums_vector_wrappers_refuse_autoreset_modes_as_the_page_says(name, mode):
+    refused = {"NormalizeObservation": "SAME_STEP, DISABLED", "RescaleObservation": "SAME_STEP"}
+    bounds = {"RescaleObservation": (np.float32(-1.0), np.float32(1.0))}.get(name, ())
+    envs = make_vec(2, n=1, observation="scaled", max_episode_steps=1, autoreset_mode=mode)
+
+    def play():
+        wrapped = getattr(gym.wrappers.vector, name)(envs, *bounds)
+        wrapped.reset(seed=0)
+        wrapped.step(np.zeros((2, 1), np.float32))
+
+    if mode.name in refused.get(name, ""):
+        with pytest.raises((AssertionError, ValueError)):
+            play()
+    else:
+        play()
+
+
 def test_call_renders_as_gymnasiums_own_vector_environments_do():
     keywords = {"n": 2, "render_mode": "rgb_array", "render_size": 60}
     envs = [

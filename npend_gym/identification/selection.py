@@ -56,8 +56,8 @@ def choose(stages: Stages, fit: Fit, model: Model) -> tuple[Fit, Model, list[Lef
     predicted from all others: leave-one-out cross-validation. The optional term without which
     predictions are best is left out, then the next one. Of these fits
     the one of the fewest terms is chosen among the good ones. A fit is good if its squared errors
-    exceed the least ones by no more than the standard error of this difference. A term that is left out is zero, or has the value of the given chain, whichever
-    predicts better.
+    exceed the least ones by no more than the standard error of this difference. A term that is left
+    out is zero, or has the value of the given chain, whichever predicts better.
     """
     edges = cluster_edges(fit.solution, model.chain.n)
     weights = fit.solution.weights
