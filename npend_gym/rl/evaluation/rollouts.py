@@ -163,9 +163,8 @@ class Observer:
         """Return the actions of the controller."""
         observed = {key: info[key] for key in ("time", "goal") if key in info}
         shown: Any = observation
-        if self._config.goal_env:
-            shown = shown["observation"]
-        observed |= self._state(np.asarray(shown, np.float64))
+        seen: Any = shown["observation"] if isinstance(shown, dict) else shown  # of a goal_env
+        observed |= self._state(np.asarray(seen, np.float64))
         try:
             return self._controller(observation, observed)
         except KeyError as error:
