@@ -212,8 +212,8 @@ class DifferentiableVectorEnv(ManyLanes):
         terminated, truncated : Tensor, bool, shape (B,)
         info : dict of Tensor
             "theta" and "omega" [rad, rad/s], (B, n), "energy" [J], "time" [s], and "success" where
-            the mode defines it. With a cart also "cart_position" [m] and "cart_velocity" [m/s]; in
-            modes with goals "goal" [rad], (B, n). With SAME_STEP "final_obs" and "final_info", of all lanes as they were
+            the mode defines it. With a cart also "cart_position" [m] and "cart_velocity" [m/s]; in modes with goals "goal"
+            [rad], (B, n). With SAME_STEP "final_obs" and "final_info", of all lanes as they were
             before any began again.
 
         Raises

@@ -163,7 +163,7 @@ class Observer:
         """Return the actions of the controller."""
         observed = {key: info[key] for key in ("time", "goal") if key in info}
         shown: Any = observation
-        seen: Any = shown["observation"] if isinstance(shown, dict) else shown  # of a goal_env
+        seen = shown["observation"] if isinstance(shown, Mapping) else shown  # of a goal_env
         observed |= self._state(np.asarray(seen, np.float64))
         try:
             return self._controller(observation, observed)
