@@ -9,18 +9,7 @@ import pytest
 
 from npend_gym import Chain, simulate
 from npend_gym.envs import EnvConfig
-from npend_gym.rl import (
-    CRITERIA,
-    HELD_OUT,
-    Criterion,
-    Policy,
-    Pushes,
-    evaluate,
-    lqr,
-    performance,
-    recovery,
-    robustness,
-)
+from npend_gym.rl import CRITERIA, HELD_OUT, Criterion, Policy, Pushes, lqr, robustness
 from npend_gym.rl.evaluation.criteria import RolloutGroup
 from npend_gym.rl.evaluation.disturbances import Pulses
 
@@ -186,39 +175,6 @@ def test_the_controller_is_told_the_state_as_observed():
             np.testing.assert_allclose(info["omega"], seen[:, 4:] * scale, rtol=1e-6)
         paths = np.array([info["theta"] for info in infos])
         assert np.abs(np.diff(paths, axis=0)).max() <= np.pi
-
-
-@pytest.mark.parametrize("judge", [evaluate, performance, recovery])
-def test_every_judge_gives_a_function_the_state_as_the_sensors_show_it(judge):
-    shown = []
-
-    def controller(observation, info):
-        shown.append((observation, info))
-        return np.zeros((len(observation), 1))
-
-    coarse = TWO | {"mode": "swingup", "angle_resolution": np.pi / 8, "max_episode_steps": 20}
-    judge(controller, coarse, episodes=2)
-    for _, info in shown:
-        steps = info["theta"] / (np.pi / 8)
-        np.testing.assert_allclose(steps, steps.round(), atol=1e-5)
-        assert set(info) == {"time", "theta", "omega", "energy"}
-    shown.clear()
-    judge(controller, TWO | {"mode": "swingup", "max_episode_steps": 20}, episodes=2)
-    assert {"pseudo_period", "tip_height"} < set(shown[0][1])
-
-
-@pytest.mark.parametrize("errors", [{"angle_noise": 1.0}, {"observation_delay": 20}])
-def test_a_regulator_falls_by_errors_of_sensors(errors):
-    task = {"id": "npend/Balance-v1", "n": 2}
-    regulator = lqr(EnvConfig(n=2, mode="balance"))
-    assert evaluate(regulator, task, episodes=4).success_rate == 1.0
-    assert evaluate(regulator, task | errors, episodes=4).success_rate == 0.0
-
-
-def test_a_function_that_reads_more_than_sensors_show_is_told_so():
-    task = TWO | {"mode": "swingup", "angle_noise": 0.1, "max_episode_steps": 3}
-    with pytest.raises(ValueError, match=r"reads info\['tip_height'\]"):
-        evaluate(lambda _, info: info["tip_height"][:, None], task, episodes=2)
 
 
 def test_a_memory_is_reset_before_every_criterion_with_the_number_of_its_lanes(nominal):

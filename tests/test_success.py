@@ -9,7 +9,6 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym.envs import Mode, SwingUp
-from npend_gym.rl import evaluate, robustness
 
 STILL = np.zeros(1, np.float32)
 
@@ -148,43 +147,3 @@ def test_a_mode_that_takes_arrays_for_numbers_is_told_what_to_write(method, use)
     env = DifferentiableVectorEnv(3, n=1, mode=Branching(method, use))
     with pytest.raises((ValueError, TypeError, RuntimeError), match=pattern):
         [env.reset(seed=0), env.step(torch.zeros((3, 1)))]
-
-
-class Undefined(SwingUp):
-    """A task that says nothing of success."""
-
-    name = "undefined"
-    achieved = Mode.achieved
-
-
-def test_a_mode_that_defines_neither_achieved_nor_failed_has_no_success():
-    single = gym.make("NPendulum-v0", n=2, mode=Undefined())
-    several = gym.make_vec("NPendulum-v0", num_envs=3, n=2, mode=Undefined())
-    for env, action in ((single, STILL), (several, np.zeros((3, 1), np.float32))):
-        for info in (env.reset(seed=0)[1], env.step(action)[-1]):
-            assert not {"success", "_success"} & set(info)
-    found = evaluate(
-        lambda observation, _: np.zeros((len(observation), 1)),
-        {"n": 2, "mode": Undefined(), "max_episode_steps": 5},
-        episodes=2,
-    )
-    assert np.isnan(found.success).all()
-    assert np.isnan(found.settling_time).all()
-    assert found.as_row()["success"] is None
-    assert "defines no success" in repr(found)
-    with pytest.raises(ValueError, match="reward_type needs a mode that defines"):
-        gym.make("NPendulum-v0", n=2, mode=Undefined(), reward_type="sparse")
-    with pytest.raises(ValueError, match="env needs a mode that defines"):
-        robustness(lambda *_: np.zeros(1), {"n": 2, "mode": Undefined()})
-
-
-def test_a_mode_that_defines_failed_alone_succeeds_until_it_fails():
-    class Fails(Undefined):
-        name = "fails"
-
-        def failed(self, quantities):
-            return quantities.tip > 0.0
-
-    env = gym.make("NPendulum-v0", n=1, mode=Fails())
-    assert env.reset(seed=0)[1]["success"] is False  # it is to last for 5 s
-    assert successes(env, 110)[-1] is True

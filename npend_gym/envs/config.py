@@ -15,7 +15,7 @@ from typing_extensions import Unpack
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain, ChainParameters
-from npend_gym.envs.goals import check_goal_env, check_success, goal_space
+from npend_gym.envs.goals import check_goal_env, goal_space
 from npend_gym.envs.keywords import (
     DEFAULTS,
     EnvKeywords,
@@ -131,8 +131,6 @@ class EnvConfig(Settings):
             for name, seconds in (("dt", given["dt"]), ("motor_lag", largest["motor_lag"])):
                 _check_seconds(name, seconds, chain)
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
-        if given["reward_type"] == "sparse":
-            check_success(mode, "reward_type", "sparse")
         used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
         vars(self).update(used | {
             "mode": mode,

@@ -106,15 +106,6 @@ def check_different(start: FloatArray, goal: FloatArray) -> None:
         )
 
 
-def check_success(mode: Mode, name: str, value: object) -> None:
-    """Raise a ValueError where an argument needs success, which the mode does not define."""
-    if not mode.defines_success:
-        raise ValueError(
-            f"{name} needs a mode that defines `achieved` or `failed`, got {value!r} in mode "
-            f"{mode.name!r}: define one of them"
-        )
-
-
 def check_goal_env(mode: Mode, reward_type: str, *, goal_env: bool) -> None:
     """Raise a ValueError where the keyword `goal_env` does not go with the others."""
     if goal_env and not mode.has_goals:

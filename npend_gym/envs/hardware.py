@@ -30,13 +30,8 @@ _OF_MOTORS = (*ERRORS_OF_MOTORS, "push_rate")
 def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
     """Return motors and sensors where they are not ideal, else None."""
     driven = any(config.largest[name] > 0.0 for name in _OF_MOTORS)
-    sensed = has_sensor_errors(config)
+    sensed = any(config.largest[name] > 0.0 for name in _OF_SENSORS)
     return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
-
-
-def has_sensor_errors(config: EnvConfig) -> bool:
-    """Return whether observations may differ from the state: by noise, resolution or delay."""
-    return any(config.largest[name] > 0.0 for name in _OF_SENSORS)
 
 
 def _slots(delay: float) -> int:

@@ -118,16 +118,9 @@ class Mode:
     def achieved(self, quantities: Quantities[Any]) -> Any:
         """Return whether the goal is met at this instant; by default: whether it has not failed.
 
-        ``info["success"]`` is whether this has been so for the last `hold` seconds. A mode that
-        defines neither `achieved` nor `failed` has no ``info["success"]``.
+        ``info["success"]`` tells whether this has been so for the last `hold` seconds.
         """
         return np.logical_not(self.failed(quantities))
-
-    @property
-    def defines_success(self) -> bool:
-        """Whether the mode says what success is: it defines `achieved` or `failed`."""
-        own = type(self)
-        return own.achieved is not Mode.achieved or own.failed is not Mode.failed
 
 
 class Release(Mode):

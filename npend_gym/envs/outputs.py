@@ -106,7 +106,11 @@ class Outputs:
         }
         self._shown = tuple(shown)
         self._everywhere = np.ones(self.count, np.bool_)
-        self._masks = [f"_{name}" for name in shown]
+        self._masks = [f"_{name}" for name, key in shown.items() if not key.masked_by]
+        self._partial_masks = {
+            by: [f"_{name}" for name, key in shown.items() if key.masked_by == by]
+            for by in {key.masked_by: None for key in shown.values() if key.masked_by}
+        }
         self._make_functions()
         self.renew()
 
@@ -160,13 +164,15 @@ class Outputs:
     def masked_info(self, present: BoolArray | None = None) -> dict[str, Any]:
         """Return the info of all lanes with its masks, arrays (B,).
 
-        They are True in the lanes where info is `present`, by default all, as the masks of
-        Gymnasium's vector environments are.
+        They are True in the lanes where info is `present`, by default all; those of the
+        pseudo-periods where a bob, or the centre of mass, has completed besides.
         """
         info = cast("dict[str, Any]", self.info())
         if present is None:
             present = self._everywhere.copy()
         info.update(dict.fromkeys(self._masks, present))
+        for key, masks in self._partial_masks.items():
+            info.update(dict.fromkeys(masks, (info[key] > 0.0) & present))
         return info
 
     def info(self) -> BatchInfo:

@@ -48,8 +48,9 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
 
     Notes
     -----
-    Each key of `Info` has an array with a leading axis of B, and a mask (B,) named ``_key``, as in
-    Gymnasium's vector environments. A pseudo-period that is not complete is 0.0.
+    Each key of `Info` has an array with a leading axis of B, and a mask (B,) named ``_key``.
+    ``_pseudo_period`` and ``_pseudo_periods`` are True only in lanes where a bob has completed, and
+    ``_pseudo_period_com`` where the centre of mass has.
 
     One thread at a time: a call during the `step` or `reset` of another thread raises `EnvInUse`.
     After a fork the threads of an environment start again where they are needed.

@@ -13,8 +13,6 @@ from npend_gym.report.outputs import write_results
 def evaluation_text(row: Mapping[str, Any], threshold: float | None = None) -> str:
     """Return the row of an `Evaluation` as lines of text; from `threshold` on a task is solved."""
     episodes, rate = row["episodes"], row["success"]
-    if rate is None:
-        return f"return   {row['return']:.2f} in the mean; the mode defines no success"
     interval = f"{row['success_low']:.1%} to {row['success_high']:.1%} (Wilson)"
     solved = "" if threshold is None else f", solved from {threshold:g} on"
     lines = [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ class Evaluation:
     returns : ndarray, float
         Sum of the rewards.
     success : ndarray, bool
-        ``info["success"]`` of the last step; NaN in a mode that defines no success.
+        ``info["success"]`` of the last step.
     settling_time : ndarray, float
         Last time [s] at which ``info["success"]`` was not yet true: where the goal must hold for
         5 s, these are included. NaN without success.
@@ -38,17 +37,12 @@ class Evaluation:
     """
 
     returns: FloatArray
-    success: NDArray[Any]
+    success: NDArray[np.bool_]
     settling_time: FloatArray
     motor_work: FloatArray
 
     def __repr__(self) -> str:
         row = self.as_row()
-        if row["success"] is None:
-            return (
-                f"Evaluation({row['episodes']} episodes: the mode defines no success; mean return "
-                f"{row['return']:.2f})"
-            )
         low, high = row["success_low"], row["success_high"]
         settled = row["settling_time"]
         since = "" if settled is None else f" from {settled:.2f} s on"
@@ -65,9 +59,7 @@ class Evaluation:
 
     @property
     def success_interval(self) -> tuple[float, float]:
-        """Wilson's confidence interval of 95 % for the success rate; NaN where there is none."""
-        if np.isnan(self.success_rate):
-            return np.nan, np.nan
+        """Wilson's confidence interval of 95 % for the success rate."""
         from scipy.stats import binomtest  # takes long to import
 
         test = binomtest(int(self.success.sum()), self.success.size)
@@ -77,17 +69,15 @@ class Evaluation:
     def as_row(self) -> dict[str, float | None]:
         """Return the means, with the confidence interval of the success rate.
 
-        "settling_time" is a mean over the successful episodes, None where there are none. So are
-        the rate and its interval in a mode that defines no success.
+        "settling_time" is a mean over the successful episodes, None where there are none.
         """
         low, high = self.success_interval
-        settled = self.settling_time[self.success == True]  # noqa: E712 - or NaN
-        defined = not np.isnan(self.success_rate)
+        settled = self.settling_time[self.success]
         return {
             "episodes": self.success.size,
-            "success": self.success_rate if defined else None,
-            "success_low": round(low, 4) if defined else None,
-            "success_high": round(high, 4) if defined else None,
+            "success": self.success_rate,
+            "success_low": round(low, 4),
+            "success_high": round(high, 4),
             "return": round(float(self.returns.mean()), 2),
             "settling_time": round(float(settled.mean()), 2) if settled.size else None,
             "motor_work": round(float(self.motor_work.mean()), 2),
@@ -171,14 +161,11 @@ def evaluate(
     controller = as_controller(model, config, setting.wrappers, deterministic=deterministic)
     returns, work, last_failure = np.zeros((3, episodes))
     success, idle = np.zeros(episodes, np.bool_), np.zeros((episodes, 0))
-    if not config.mode.defines_success:
-        success = np.full(episodes, np.nan)
     for running, before, reward, info in rollout(controller, envs, seed):
         turned = (joint_motion(info)[0] - joint_motion(before)[0])[:, config.joints]
         step_work = np.abs(info.get("torque", idle) * turned).sum(axis=1)
         returns += np.where(running, reward, 0.0)
         work += np.where(running, step_work, 0.0)
-        if "success" in info:
-            success = np.where(running, info["success"], success)
-            last_failure = np.where(running & ~info["success"], info["time"], last_failure)
-    return Evaluation(returns, success, np.where(success == 1.0, last_failure, np.nan), work)
+        success = np.where(running, info["success"], success)
+        last_failure = np.where(running & ~info["success"], info["time"], last_failure)
+    return Evaluation(returns, success, np.where(success, last_failure, np.nan), work)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.hardware import has_sensor_errors
-from npend_gym.rl.evaluation.rollouts import Controller, Observer
+from npend_gym.rl.evaluation.rollouts import Controller
 from npend_gym.rl.evaluation.wrappers import (
     WAY_OUT,
     Behind,
@@ -43,16 +42,11 @@ def as_controller(
     wrappers: Sequence[Any] = (),
     *,
     deterministic: bool = True,
-    as_sensors_show: bool | None = None,
 ) -> Controller:
     """Return what acts in an environment of these settings as `model` does behind its wrappers.
 
-    Without wrappers of the environment, the model observes through those of its own training. A
-    function finds in ``info`` the state as the sensors show it, `as_sensors_show`: by default where
-    they have errors.
+    Without wrappers of the environment, the model observes through those of its own training.
     """
-    if as_sensors_show is None:
-        as_sensors_show = has_sensor_errors(config)
     if not wrappers:
         _check_observation(model, config)
     if not hasattr(model, "predict"):
@@ -66,8 +60,7 @@ def as_controller(
                 "observations to actions, or have the method predict of Stable-Baselines3; got "
                 f"{_checks.show(model)}{named}"
             )
-        acting = Behind(acting, wrappers) if wrappers else acting
-        return Observer(acting, config) if as_sensors_show else acting
+        return Behind(acting, wrappers) if wrappers else acting
     if wrappers:
         _check_shape(model, wrappers[-1])
     elif getattr(model, "get_env", None) is not None:

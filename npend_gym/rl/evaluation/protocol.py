@@ -13,10 +13,9 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
-from npend_gym.envs.goals import check_success
 from npend_gym.rl.evaluation.criteria import CRITERIA, RolloutGroup, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Result, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Observer, Result, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, EnvSetting, judging, setting_of
 
@@ -179,11 +178,10 @@ def robustness(
     seconds = _checks.positive_number("seconds", seconds)
     setting = setting_of(env)
     nominal, config, steps = setting.nominal(seconds)
-    check_success(config.mode, "env", env)
     at_the_end = copy.copy(config.mode)
     vars(at_the_end)["hold"] = 0.0  # the goal is to be met at the end
     nominal.keywords["mode"] = at_the_end
-    observer = as_controller(model, config, nominal.wrappers, as_sensors_show=True)
+    observer = Observer(as_controller(model, config, nominal.wrappers), config)
     trial = Trial(config, steps, values, repetitions, seed)
     # all of them before the first rollout, so that none fails after those of others
     made = {name: _rollouts(name, criteria[name], trial, nominal) for name in criteria}

@@ -28,8 +28,8 @@ class Controller(Protocol):
         ----------
         observation : ndarray, float32, shape (B, k)
         info : dict
-            The info of the vector environment, with the state in ``info["theta"]`` and
-            ``info["omega"]``: the exact one, or as the sensors show it where they have errors.
+            The info of the vector environment, with the exact state in ``info["theta"]`` and
+            ``info["omega"]``.
 
         Returns
         -------
@@ -162,18 +162,10 @@ class Observer:
     def __call__(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
         """Return the actions of the controller."""
         observed = {key: info[key] for key in ("time", "goal") if key in info}
-        shown: Any = observation
-        seen = shown["observation"] if isinstance(shown, Mapping) else shown  # of a goal_env
-        observed |= self._state(np.asarray(seen, np.float64))
+        observed |= self._state(np.asarray(observation, np.float64))
         try:
             return self._controller(observation, observed)
         except KeyError as error:
-            if error.args[0] in info and error.args[0] not in _OF_VELOCITIES:
-                raise ValueError(
-                    "sensors without errors are needed by a controller that reads "
-                    f"info[{error}], because sensors show {', '.join(sorted(observed))} alone: "
-                    "leave out noise, resolution and delay of what is observed"
-                ) from error
             if self._config.observe_velocities or error.args[0] not in _OF_VELOCITIES:
                 raise
             raise ValueError(
