@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import npend_gym  # noqa: F401 - registers the environments
+import npend_gym
 from npend_gym.envs import Mode, SwingUp
 
 STILL = np.zeros(1, np.float32)
@@ -147,3 +147,68 @@ def test_a_mode_that_takes_arrays_for_numbers_is_told_what_to_write(method, use)
     env = DifferentiableVectorEnv(3, n=1, mode=Branching(method, use))
     with pytest.raises((ValueError, TypeError, RuntimeError), match=pattern):
         [env.reset(seed=0), env.step(torch.zeros((3, 1)))]
+class Aimless(Mode):
+    """A user's mode with a reward alone."""
+
+    name = "aimless"
+
+    def start(self, rng, n, amplitude, spread):  # noqa: ARG002
+        return np.full(n, 0.1), np.zeros(n)
+
+    def reward(self, quantities):
+        return 0.5 * quantities.height
+
+
+AIMLESS = {"id": "NPendulum-v0", "n": 1, "mode": Aimless(), "max_episode_steps": 5}
+
+
+def test_a_mode_without_failed_and_achieved_has_no_success_in_any_environment():
+    env = gym.make(**AIMLESS)
+    keywords = {key: value for key, value in AIMLESS.items() if key != "id"}
+    ours = npend_gym.NPendulumVectorEnv(2, autoreset_mode="SAME_STEP", **keywords)
+    infos = [env.reset(seed=0)[1], env.step(STILL)[-1], ours.reset(seed=0)[1]]
+    infos += [ours.step(np.zeros((2, 1)))[-1] for _ in range(5)]
+    infos.append(infos[-1]["final_info"])
+    for info in infos:
+        assert "energy" in info
+        assert not {"success", "_success"} & info.keys()
+
+
+def test_tensors_and_stable_baselines_have_no_success_of_such_a_mode_either():
+    torch = pytest.importorskip("torch")
+    pytest.importorskip("stable_baselines3")
+    from npend_gym.rl.adapter import SB3VecEnv
+    from npend_gym.torch import DifferentiableVectorEnv
+
+    keywords = {key: value for key, value in AIMLESS.items() if key != "id"}
+    env = DifferentiableVectorEnv(2, autoreset_mode="SAME_STEP", **keywords)
+    venv = SB3VecEnv(npend_gym.NPendulumVectorEnv(2, autoreset_mode="SAME_STEP", **keywords))
+    assert "success" not in env.reset(seed=0)[1]
+    venv.reset()
+    for _ in range(5):
+        info = env.step(torch.zeros(2, 1, dtype=torch.float64))[-1]
+        last = venv.step(np.zeros((2, 1), np.float32))[-1]
+    assert not {"success"} & (info.keys() | info["final_info"].keys())
+    assert "terminal_observation" in last[0]
+    assert not {"success", "is_success"} & last[0].keys()
+
+
+def test_an_evaluation_says_that_such_a_mode_has_no_success():
+    from npend_gym.report.robustness_report import evaluation_text
+    from npend_gym.rl import evaluate, robustness
+
+    found = evaluate(lambda seen, _: np.zeros((len(seen), 1)), AIMLESS, episodes=3)
+    assert found.returns.min() > 0.0
+    assert np.isnan([*found.success, *found.settling_time, found.success_rate]).all()
+    assert np.isnan(found.success_interval).all()
+    row = found.as_row()
+    unknown = "success", "success_low", "success_high", "settling_time"
+    assert [row[name] for name in unknown] == [None] * 4
+    assert "neither achieved nor failed" in evaluation_text(row)
+    with pytest.raises(ValueError, match="achieved of mode 'aimless' must be defined for robust"):
+        robustness(lambda seen, _: np.zeros((len(seen), 1)), AIMLESS)
+
+
+def test_a_sparse_reward_needs_a_success():
+    with pytest.raises(ValueError, match=r"achieved of mode 'aimless' must be .*'sparse'"):
+        gym.make(**AIMLESS, reward_type="sparse")

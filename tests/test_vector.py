@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
-from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, make_vec, run
+from lanes import (
+    actions_for,
+    assert_infos_are_those_of_singles,
+    assert_lanes_are_singles,
+    assert_same,
+    lane,
+    make_vec,
+    run,
+)
 from test_env_links import CHAIN
 from test_hardware import EVERYTHING
 from test_randomize import RANDOMIZE
@@ -174,17 +182,45 @@ def test_options_are_those_of_each_lane_or_numbers_for_all_to_the_last_bit(kind)
     [Chain.uniform(1), pytest.param(Chain.rods(1.0, 1.0), marks=pytest.mark.long)],
     ids=["bobs", "links"],
 )
-def test_masks_of_the_pseudo_period_are_true_where_a_bob_has_completed(chain):
+def test_the_pseudo_period_is_zero_until_a_bob_has_completed_and_its_mask_is_true(chain):
     env = make_vec(2, chain=chain, mode="passive")
     env.reset(seed=0, options={"theta": np.array([[0.5], [0.0]])})
     for _ in range(220):
         info = env.step(np.zeros(2, np.int64))[-1]
     for name in ("pseudo_period", "pseudo_periods", "pseudo_period_com"):
-        assert info[f"_{name}"].tolist() == [True, False]
+        assert info[f"_{name}"].tolist() == [True, True]
         assert not info[name][1].any()
         expected = pseudo_periods(chain, 0.5, reading="com" if "com" in name else "bob")
         np.testing.assert_allclose(info[name][0], expected.mean(), rtol=0.0, atol=1e-6)
     assert info["_time"].all()
+
+
+@pytest.mark.parametrize("autoreset", list(AutoresetMode))
+def test_masks_are_those_of_gymnasium_in_every_step_of_episodes_that_complete_periods(autoreset):
+    keywords = {"num_envs": 3, "n": 2, "mode": "passive", "dt": 0.05, "max_episode_steps": 70}
+    kinds = (
+        make_vec(autoreset_mode=autoreset, **keywords),
+        make_vec(
+            vectorization_mode="sync", vector_kwargs={"autoreset_mode": autoreset}, **keywords
+        ),
+    )
+    first = np.array([True, False, True])
+    shown = [[envs.reset(seed=0)] for envs in kinds]
+    for step in range(300):
+        for envs, seen in zip(kinds, shown, strict=True):
+            seen.append(envs.step(np.zeros(3, np.int64)))
+            if autoreset is AutoresetMode.DISABLED and step % 70 in (30, 69):
+                # some lanes, then those that are done
+                mask = first if step % 70 == 30 else seen[-1][2] | seen[-1][3]
+                seen.append(envs.reset(options={"reset_mask": mask}) if mask.any() else ())
+    assert shown[0][60][-1]["pseudo_period"].any()  # some bob has completed
+    for mine, theirs in zip(*shown, strict=True):
+        assert (mine[-1].keys() if mine else ()) == (theirs[-1].keys() if theirs else ())
+        for info, expected in [(mine[-1], theirs[-1])] if mine else []:
+            masks = {key: value for key, value in expected.items() if key.startswith("_")}
+            assert_same({key: info[key] for key in masks}, masks)
+            if "final_info" in expected:
+                assert_infos_are_those_of_singles(info["final_info"], expected["final_info"])
 
 
 def test_one_diverged_lane_disturbs_no_other():

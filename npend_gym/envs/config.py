@@ -22,6 +22,7 @@ from npend_gym.envs.keywords import (
     action_table,
     check_mode,
     check_names,
+    check_success,
     check_weight,
     checked_cart,
     described_chain,
@@ -33,7 +34,8 @@ from npend_gym.envs.keywords import (
 from npend_gym.envs.modes import Mode, find_mode
 from npend_gym.envs.randomization import SETTINGS, Randomization, check_randomize
 from npend_gym.envs.rows import ANGLES, MAX_CART_ENTRY, SINCOS, Task
-from npend_gym.envs.settings import FIELDS, HARDWARE, OF_CART, RULES, Limit, Settings
+from npend_gym.envs.settings import FIELDS, HARDWARE, OF_CART, OF_SENSORS, RULES, Limit, Settings
+from npend_gym.physics.energy import sincos
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import (
     MAX_ROTATION,
@@ -114,7 +116,7 @@ class EnvConfig(Settings):
         joints = joints_of(given["actuated"], chain.n, least=0 if on_cart else 1)
         joints = () if mode.torque_share == 0.0 else (chain.n, *joints) if on_cart else joints
         given["dt"] = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
-        given["spread"] = width_of_starts(given["spread"], mode)
+        given["spread"] = width_of_starts(given["spread"], mode, given["max_tilt"])
         given["max_torque"] = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
         settings = {name: given[name] for name in SETTINGS if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
@@ -130,6 +132,7 @@ class EnvConfig(Settings):
         if joints:
             for name, seconds in (("dt", given["dt"]), ("motor_lag", largest["motor_lag"])):
                 _check_seconds(name, seconds, chain)
+        check_success(mode, given["reward_type"])
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
         used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
         vars(self).update(used | {
@@ -169,6 +172,18 @@ class EnvConfig(Settings):
     def hold_steps(self) -> int:
         """Number of steps over which the mode's goal must have held to count as success."""
         return math.ceil(self.mode.hold / self.dt * (1.0 - 1e-12))  # 5 s of 0.05 s are 100 steps
+
+    @property
+    def shows_state(self) -> bool:
+        """Whether observations have the exact state: ideal sensors, and velocities."""
+        return self.observe_velocities and not any(self.largest[each] > 0.0 for each in OF_SENSORS)
+
+    @property
+    def least_uprightness(self) -> float:
+        """Cosine of `max_tilt`, by which a mode with `limits_tilt` ends; -inf without a limit."""
+        if self.max_tilt is None or not self.mode.limits_tilt:
+            return -math.inf
+        return float(sincos(np.array([self.max_tilt]))[1][0])
 
     @property
     def render_fps(self) -> int:
@@ -268,6 +283,7 @@ def task_numbers(config: EnvConfig, judge: int, max_steps: int | None) -> FloatA
         "RAIL": config.rail or 0.0,
         "PER_CART_SPEED": config.cart_speed_factor,
         "VELOCITIES": config.observe_velocities,
+        "UPRIGHTNESS": config.least_uprightness,
     }
     return np.array([task[name] for name in Task._fields], np.float64)
 

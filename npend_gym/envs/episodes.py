@@ -20,7 +20,7 @@ from npend_gym.envs.config import EnvConfig, task_numbers
 from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.kernels import step_many, step_one
-from npend_gym.envs.modes import Mode, Quantities, left_rail, rail_factor
+from npend_gym.envs.modes import Mode, Quantities, leans, left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import LaneNumbers, Seeds
@@ -334,8 +334,9 @@ class Episodes:
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         left = left_rail(quantities.rail_position)
-        failed = self._returned_by("failed", quantities)
-        achieved = self._returned_by("achieved", quantities) & np.logical_not(left)
+        down = leans(quantities.uprightness, self._task[Task.UPRIGHTNESS])
+        failed = self._returned_by("failed", quantities) | down
+        achieved = self._returned_by("achieved", quantities) & np.logical_not(left | down)
         held[judged] *= np.broadcast_to(achieved, (self.count,))[judged]
         flags[Flag.SUCCESS] = held > self._task[Task.HOLD_STEPS]
         if not observes:

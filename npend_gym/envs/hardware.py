@@ -6,7 +6,6 @@ neither object.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -19,18 +18,17 @@ from npend_gym.envs.config import ERRORS_OF_MOTORS, EnvConfig
 from npend_gym.envs.motors import Command, apply_many, apply_one, draw_disturbances
 from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import draw_sensor_noise, sense_many, sense_one
-from npend_gym.envs.settings import HARDWARE, SensorSettings
+from npend_gym.envs.settings import OF_SENSORS
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.memory import Memory, Plan
 
-_OF_SENSORS = [each.name for each in fields(SensorSettings) if each.name in HARDWARE]
 _OF_MOTORS = (*ERRORS_OF_MOTORS, "push_rate")
 
 
 def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
     """Return motors and sensors where they are not ideal, else None."""
     driven = any(config.largest[name] > 0.0 for name in _OF_MOTORS)
-    sensed = any(config.largest[name] > 0.0 for name in _OF_SENSORS)
+    sensed = any(config.largest[name] > 0.0 for name in OF_SENSORS)
     return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
 
 

@@ -30,7 +30,6 @@ class Key(NamedTuple):
     unit: str
     text: str
     when: str = ""  # an attribute of `EnvConfig` that is true where the key is there; "": always
-    masked_by: str = ""  # a key that is positive where this one is known; "": it always is
     read: str = ""  # the method of `Outputs` that reads an array (B, k), which no kernel writes
 
 
@@ -38,7 +37,8 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     """What `reset` and `step` return beside the observation; the same keys from the reset on.
 
     ``Info[float, int, bool]`` is that of the single environment. In the vector environment each
-    value is an array with a leading axis of B, and each key has a bool mask (B,) named ``_key``.
+    value is an array with a leading axis of B, and each key has a bool mask (B,) named ``_key``:
+    that of Gymnasium's `SyncVectorEnv`, True where the lane has an info.
     There is no NaN in it, and every array is new: no later step writes to it.
     """
 
@@ -50,12 +50,11 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     )]  # fmt: skip
     bobs_completed: Annotated[_Count, Key("1", "number of bobs whose pseudo-period is complete")]
     pseudo_period: Annotated[_Real, Key(
-        "s", "mean pseudo-period of the completed bobs; 0.0 before the first",
-        masked_by="pseudo_period",
+        "s", "mean pseudo-period of the completed bobs; 0.0 before the first"
     )]  # fmt: skip
     pseudo_periods: Annotated[FloatArray, Key(
         "s", 'pseudo-period of each bob, shape (n,), in the reading "bob" of '
-        "`npend_gym.pseudo_periods`; 0.0 where not complete", masked_by="pseudo_period",
+        "`npend_gym.pseudo_periods`; 0.0 where not complete",
     )]  # fmt: skip
     ideal_period: Annotated[_Real, Key(
         "s", "the paper's T0 of the chain; 0.0 without gravity, and for links, to which T0 does "
@@ -69,14 +68,15 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     diverged: Annotated[_Truth, Key(
         "", "whether the state has left all bounds; the last finite state is kept then"
     )]  # fmt: skip
-    success: Annotated[_Truth, Key(
+    success: NotRequired[Annotated[_Truth, Key(
         "", "whether the goal of the mode has held without interruption for the mode's `hold` "
-        "seconds",
-    )]  # fmt: skip
+        "seconds; absent where a mode of your own defines neither `achieved` nor `failed`",
+        when="mode.defines_success",
+    )]]  # fmt: skip
     pseudo_period_com: NotRequired[Annotated[_Real, Key(
         "s", 'in mode "passive": the pseudo-period of the chain\'s centre of mass, the reading '
         '"com" of `npend_gym.pseudo_periods`; 0.0 where not complete. On a cart: relative to it',
-        when="mode.measures_com", masked_by="pseudo_period_com",
+        when="mode.measures_com",
     )]]  # fmt: skip
     torque: NotRequired[Annotated[FloatArray, Key(
         "N m", "with motors: the torque of each in the last step, shape (joints,), in the order of "

@@ -13,7 +13,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
-from npend_gym.envs.modes import Mode, Quantities, left_rail, rail_factor
+from npend_gym.envs.modes import Mode, Quantities, leans, left_rail, rail_factor
 from npend_gym.envs.observing import ObsArray, observe, within
 from npend_gym.envs.rows import (
     NUMBER_OF,
@@ -41,6 +41,7 @@ from npend_gym.physics.kernels.layout import (
 )
 
 _first_row = inlined_kernel(first_row)
+_leans: Any = spliced_kernel(leans)
 _left_rail: Any = spliced_kernel(left_rail)
 _rail_factor: Any = spliced_kernel(rail_factor)
 
@@ -112,6 +113,9 @@ def _measure(
     per_energy, completed = numbers[Episode.PER_ENERGY, g], numbers[Member.COMPLETED, g]
     share = energy / where(start > 0.0, start, 1.0)
     closeness = distance = place = 0.0 * lift
+    upright = -c[0]
+    for i in range(1, n):
+        upright = where(-c[i] < upright, -c[i], upright)
     if task[Task.RAIL] > 0.0:
         outputs[Output.CART_POSITION, g] = group.theta[n]
         outputs[Output.CART_VELOCITY, g] = group.omega[n]
@@ -122,7 +126,7 @@ def _measure(
         lift * numbers[Episode.PER_LIFT, g], tip * numbers[Episode.PER_LENGTH, g],
         energy * per_energy, kinetic * per_energy,
         where(start > 0.0, share, energy * per_energy), squares, closeness, distance,
-        place, group.theta, group.omega,
+        place, upright, group.theta, group.omega,
     )  # fmt: skip
     if task[Task.MODE] == 0.0 or task[Task.GOALS] > 0.0:
         judging = outputs[_first_row(Block.QUANTITIES, n) :]
@@ -200,6 +204,10 @@ def _judge(
         left = _left_rail(place)
         reward = where(left, 0.0, reward * _rail_factor(place))
         achieved, failed = achieved & (abs(place) <= 1.0), failed | left
+    least = task[Task.UPRIGHTNESS]
+    if least >= -1.0:
+        upright = quantities.uprightness
+        achieved, failed = achieved & (upright >= least), failed | _leans(upright, least)
     if task[Task.SPARSE] > 0.0:
         reward = where(achieved, 1.0, 0.0)
     starts = numbers[Episode.STARTING, g] > 0.0

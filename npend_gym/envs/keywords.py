@@ -62,6 +62,7 @@ class EnvKeywords(TypedDict, total=False):
     observe_velocities: bool
     reward_type: str
     goal_env: bool
+    max_tilt: float | None
     amplitude: float
     spread: float | None
     randomize: Mapping[str, Any] | None
@@ -252,7 +253,16 @@ def check_mode(mode: Mode) -> Mode:
     return mode
 
 
-def width_of_starts(spread: Any, mode: Mode) -> float:
+def check_success(mode: Mode, reward_type: str) -> None:
+    """Raise a ValueError where the reward is the success of a mode that defines none."""
+    if reward_type == "sparse" and not mode.defines_success:
+        raise ValueError(
+            f"achieved of mode {mode.name!r} must be defined for reward_type='sparse', which is 1 "
+            "where it is True; without it, and without failed, the mode has no success"
+        )
+
+
+def width_of_starts(spread: Any, mode: Mode, max_tilt: float | None) -> float:
     """Return `spread`, or that of the mode where it is None [rad]."""
     if hasattr(mode, "nearness"):
         raise TypeError(f"nearness of mode {mode.name!r} must be named spread")
@@ -261,6 +271,11 @@ def width_of_starts(spread: Any, mode: Mode) -> float:
         raise ValueError(
             f"spread must be at most pi in mode {mode.name!r}, where pi to both sides is every "
             f"angle, got {spread:g}"
+        )
+    if isinstance(mode, NearPose) and mode.limits_tilt and spread >= (max_tilt or math.inf):
+        raise ValueError(
+            f"spread must be less than max_tilt, {max_tilt:g} rad, beyond which episodes end, got "
+            f"{spread:g}: give a larger max_tilt, or None"
         )
     return angle("spread", spread)
 

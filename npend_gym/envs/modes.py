@@ -47,6 +47,8 @@ class Quantities(NamedTuple, Generic[_T]):
     """Largest abs(cos theta_i - c_i), 0 to 2; 0 in a mode without goals."""
     rail_position: _T
     """Place of the cart over `rail`: within -1 to 1 while it is on its rail; 0 without a cart."""
+    uprightness: _T
+    """Smallest -cos theta_i: 1 where all rods stand, below 0 where one is below the horizontal."""
     theta: FloatArray
     """Angles from the downward vertical, not wrapped [rad], shape (n,) or (B, n)."""
     omega: FloatArray
@@ -56,6 +58,11 @@ class Quantities(NamedTuple, Generic[_T]):
 def left_rail(rail_position: Any) -> Any:
     """Return whether the cart is beyond the end of its rail: the episode terminates there."""
     return abs(rail_position) > 1.0
+
+
+def leans(uprightness: Any, least: float) -> Any:
+    """Return whether a rod leans by more than `max_tilt`, whose cosine is `least`."""
+    return uprightness < least
 
 
 def rail_factor(rail_position: Any) -> Any:
@@ -84,6 +91,8 @@ class Mode:
         standing.
     measures_com : bool
         Whether ``info["pseudo_period_com"]`` tells the pseudo-period of the centre of mass.
+    limits_tilt : bool
+        Whether the episode also terminates where a rod leans by more than the keyword `max_tilt`.
     spread : float
         Default width of the random starts [rad]; near an equilibrium also of velocities [rad/s].
     """
@@ -94,6 +103,7 @@ class Mode:
     hold: ClassVar[float] = 0.0
     has_goals: ClassVar[bool] = False
     measures_com: ClassVar[bool] = False
+    limits_tilt: ClassVar[bool] = False
     spread: ClassVar[float] = 0.017
 
     def __repr__(self) -> str:
@@ -118,9 +128,18 @@ class Mode:
     def achieved(self, quantities: Quantities[Any]) -> Any:
         """Return whether the goal is met at this instant; by default: whether it has not failed.
 
-        ``info["success"]`` tells whether this has been so for the last `hold` seconds.
+        ``info["success"]`` tells whether this has been so for the last `hold` seconds. A mode that
+        defines neither `failed` nor `achieved` has no success, see `defines_success`.
         """
         return np.logical_not(self.failed(quantities))
+
+    @property
+    def defines_success(self) -> bool:
+        """Whether the mode has a goal: it defines `achieved`, or `failed`."""
+        return any(
+            name in vars(self) or getattr(type(self), name) is not getattr(Mode, name)
+            for name in ("achieved", "failed")
+        )
 
 
 class Release(Mode):
@@ -196,11 +215,14 @@ class SwingUp(NearPose):
 class Balance(NearPose):
     """Keep the upright chain up; fails when the tip falls below half its full height.
 
+    With `max_tilt` it also fails when a rod leans by more.
+
     reward = max(tip, 0) (1 + calmness) / 2 (1 - mean_squared_action / 10)
     success: not failed
     """
 
     name = "balance"
+    limits_tilt: ClassVar[bool] = True
     dt: ClassVar[float] = 0.02
     pose: ClassVar[float] = float(np.pi)
     spread: ClassVar[float] = 0.02

@@ -99,18 +99,11 @@ class Outputs:
             (memory.lanes, config.observed), (rows, memory.columns), (len(Flag), memory.lanes)
         )  # fmt: skip
         self._per_rod = {key: _rows_of(getattr(Block, key.upper()), n) for key in OF_RODS}
-        shown = {
-            name: key
-            for name, (_, key) in TABLE.items()
-            if not key.when or attrgetter(key.when)(config)
-        }
-        self._shown = tuple(shown)
+        self._shown = tuple(
+            name for name, (_, key) in TABLE.items() if not key.when or attrgetter(key.when)(config)
+        )
         self._everywhere = np.ones(self.count, np.bool_)
-        self._masks = [f"_{name}" for name, key in shown.items() if not key.masked_by]
-        self._partial_masks = {
-            by: [f"_{name}" for name, key in shown.items() if key.masked_by == by]
-            for by in {key.masked_by: None for key in shown.values() if key.masked_by}
-        }
+        self._masks = [f"_{name}" for name in self._shown]
         self._make_functions()
         self.renew()
 
@@ -164,15 +157,12 @@ class Outputs:
     def masked_info(self, present: BoolArray | None = None) -> dict[str, Any]:
         """Return the info of all lanes with its masks, arrays (B,).
 
-        They are True in the lanes where info is `present`, by default all; those of the
-        pseudo-periods where a bob, or the centre of mass, has completed besides.
+        They are True in the lanes where info is `present`, by default all.
         """
         info = cast("dict[str, Any]", self.info())
         if present is None:
             present = self._everywhere.copy()
         info.update(dict.fromkeys(self._masks, present))
-        for key, masks in self._partial_masks.items():
-            info.update(dict.fromkeys(masks, (info[key] > 0.0) & present))
         return info
 
     def info(self) -> BatchInfo:

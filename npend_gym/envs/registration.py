@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from gymnasium.envs import registration
@@ -26,7 +27,8 @@ class Task(NamedTuple):
 
 # On the cart of the chain, or on one of the mass of a chain that has none
 _ON_CART = {"mode": "balance", "observation": "scaled", "base": "cart", "max_force": 10.0}
-_OF_DM_CONTROL = _ON_CART | {"rail": 1.8}
+_OF_DM_CONTROL = _ON_CART | {"rail": 1.8, "max_tilt": math.radians(36)}  # as Wieland's two poles
+_OF_GYMNASIUM = _ON_CART | {"rail": 2.4, "max_tilt": math.radians(12)}
 
 # Each page docs/tasks/*.md describes one of them
 TASKS = {
@@ -35,7 +37,7 @@ TASKS = {
     "npend/Calm-v1": Task({"mode": "calm", "observation": "scaled"}, 900.0),
     "npend/Release-v1": Task({"mode": "passive", "observation": "scaled"}),  # has no reward
     "npend/Transition-v1": Task({"mode": "transition", "observation": "scaled"}, 900.0),
-    "npend/CartPole-v1": Task(_ON_CART | {"chain": "cartpole", "rail": 2.4}, 990.0),
+    "npend/CartPole-v1": Task(_OF_GYMNASIUM | {"chain": "cartpole"}, 990.0),
     "npend/CartDoublePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 2"}, 990.0),
     "npend/CartTriplePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 3"}, 950.0),
 }

@@ -89,6 +89,7 @@ class TaskFields(NamedTuple):
     RAIL: int = 8  # m, to each side of the middle; 0: there is no cart
     PER_CART_SPEED: int = 9  # s/m, by which its observed velocity is multiplied
     VELOCITIES: int = 10  # 1: velocities are observed
+    UPRIGHTNESS: int = 11  # below which a rod has fallen: the cosine of `max_tilt`; -inf: none
 
 
 Task: TaskFields = TaskFields()

@@ -59,6 +59,19 @@ def angle(name: str, value: Any) -> float:
     return number
 
 
+def _tilt(name: str, value: Any) -> float | None:
+    """Return `value` as an angle from the upright [rad], or None."""
+    if value is None:
+        return None
+    tilt = _checks.positive_number(name, value)
+    if tilt > math.pi:
+        raise ValueError(
+            f"{name} must be at most pi [rad], got {tilt:g}: give radians, 36 degrees are "
+            "math.radians(36), or None for no limit"
+        )
+    return tilt
+
+
 _LATER = Limit(MAX_DELAY, "steps; make dt larger for a longer delay")
 
 
@@ -238,6 +251,13 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         'In mode "transition", with reward_type="sparse": observations are a Dict with goals.',
         _checks.truth,
     )
+    max_tilt: float | None = keyword(
+        None,
+        'In mode "balance", and modes of your own with `limits_tilt`: the largest angle of any rod '
+        "from the upright [rad], beyond which the episode terminates. None: no limit. Benchmarks "
+        "of two poles have 36 degrees, Gymnasium's CartPole has 12. Other modes do not use it.",
+        _tilt,
+    )
     amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", angle)
     spread: float = keyword(
         None,
@@ -263,4 +283,5 @@ OF_LANES = [name for name, each in FIELDS.items() if each.metadata["of_lane"]]
 OF_CART = [each.name for each in fields(CartSettings) if each.name in OF_LANES]
 # The errors of motors and sensors, all 0 where they are ideal, and the cycles of the ripple
 HARDWARE = [name for name in OF_LANES if name not in (*OF_CART, "max_torque")]
+OF_SENSORS = [each.name for each in fields(SensorSettings) if each.name in HARDWARE]
 COUNTED = ["ripple_cycles"]  # settings that nothing in between may be drawn of

@@ -48,9 +48,9 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
 
     Notes
     -----
-    Each key of `Info` has an array with a leading axis of B, and a mask (B,) named ``_key``.
-    ``_pseudo_period`` and ``_pseudo_periods`` are True only in lanes where a bob has completed, and
-    ``_pseudo_period_com`` where the centre of mass has.
+    Each key of `Info` has an array with a leading axis of B, and a mask (B,) named ``_key``, those
+    of Gymnasium's `SyncVectorEnv`: True in the lanes that have an info. A reset by mask has none of
+    the other lanes, and ``info["final_info"]`` only of lanes that are done.
 
     One thread at a time: a call during the `step` or `reset` of another thread raises `EnvInUse`.
     After a fork the threads of an environment start again where they are needed.

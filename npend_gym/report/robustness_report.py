@@ -13,10 +13,14 @@ from npend_gym.report.outputs import write_results
 def evaluation_text(row: Mapping[str, Any], threshold: float | None = None) -> str:
     """Return the row of an `Evaluation` as lines of text; from `threshold` on a task is solved."""
     episodes, rate = row["episodes"], row["success"]
-    interval = f"{row['success_low']:.1%} to {row['success_high']:.1%} (Wilson)"
+    success = f"success  none: the mode defines neither achieved nor failed; {episodes} episodes"
+    if rate is not None:
+        interval = f"{row['success_low']:.1%} to {row['success_high']:.1%} (Wilson)"
+        share = f"{round(episodes * rate)}/{episodes} = {rate:.1%}"
+        success = f"success  {share}, 95 % confidence {interval}"
     solved = "" if threshold is None else f", solved from {threshold:g} on"
     lines = [
-        f"success  {round(episodes * rate)}/{episodes} = {rate:.1%}, 95 % confidence {interval}",
+        success,
         f"return   {row['return']:.2f} in the mean{solved}",
         f"work     {row['motor_work']:.2f} J done by or on the motors in an episode",
     ]

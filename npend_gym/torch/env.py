@@ -211,10 +211,10 @@ class DifferentiableVectorEnv(ManyLanes):
         reward : Tensor, shape (B,)
         terminated, truncated : Tensor, bool, shape (B,)
         info : dict of Tensor
-            "theta" and "omega" [rad, rad/s], (B, n), "energy" [J], "time" [s] and "success". With a
-            cart also "cart_position" [m] and "cart_velocity" [m/s]; in modes with goals "goal"
-            [rad], (B, n). With SAME_STEP "final_obs" and "final_info", of all lanes as they were
-            before any began again.
+            "theta" and "omega" [rad, rad/s], (B, n), "energy" [J] and "time" [s]. With a cart also
+            "cart_position" [m] and "cart_velocity" [m/s]; in modes with goals "goal" [rad], (B, n).
+            "success", except in a mode that defines neither `achieved` nor `failed`. With SAME_STEP
+            "final_obs" and "final_info", of all lanes as they were before any began again.
 
         Raises
         ------
@@ -299,8 +299,9 @@ class DifferentiableVectorEnv(ManyLanes):
             "omega": state.omega.clone(),
             "energy": state.energy,
             "time": self._age.to(torch.float64) * self.config.dt,
-            "success": self._held > self.config.hold_steps,
         }
+        if self.config.mode.defines_success:
+            info["success"] = self._held > self.config.hold_steps
         if self.config.has_cart:
             place, velocity = state.place[:, 0].clone(), state.velocity[:, 0].clone()
             info |= {"cart_position": place, "cart_velocity": velocity}

@@ -17,7 +17,7 @@ from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig, Quantities
 from npend_gym.envs.episodes import returned_by
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
-from npend_gym.envs.modes import left_rail, rail_factor
+from npend_gym.envs.modes import leans, left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings
 from npend_gym.envs.rows import MAX_CART_ENTRY
 from npend_gym.physics.energy import kinetic_from, kinetic_on_cart, lift_from
@@ -154,7 +154,8 @@ def judge(
             for x in (returned_by(mode, method, plain) for method in ("failed", "achieved"))
         )
         left: Any = left_rail(plain.rail_position)
-        failed, achieved = failed | left, achieved & ~left
+        down: Any = leans(plain.uprightness, config.least_uprightness)
+        failed, achieved = failed | left | down, achieved & ~(left | down)
     if config.reward_type == "sparse":
         return achieved.to(torch.float64), failed, achieved
     reward = torch.as_tensor(returned_by(mode, "reward", judged)) * rail_factor(
@@ -183,6 +184,7 @@ def _quantities(
         closeness=closeness,
         goal_distance=distance,
         rail_position=none if rail is None else state.place[..., 0] / rail,
+        uprightness=-state.cos.amax(-1),
         theta=cast("Any", state.theta),
         omega=cast("Any", state.omega),
     )

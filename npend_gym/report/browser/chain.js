@@ -53,6 +53,7 @@ class Chain {
     task[Task.VELOCITIES] = 1;
     [task[Task.MODE], task[Task.FORM]] = [mode, form];
     [task[Task.MAX_STEPS], task[Task.SPEED_LIMIT]] = [Infinity, speedLimit];
+    task[Task.UPRIGHTNESS] = -Infinity; // no rod is limited
   }
 
   call(name, ...given) {

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,8 @@ class Evaluation:
     returns : ndarray, float
         Sum of the rewards.
     success : ndarray, bool
-        ``info["success"]`` of the last step.
+        ``info["success"]`` of the last step. In a mode that defines neither `achieved` nor `failed`
+        there is none: NaN, and so are the rate and its interval; `as_row` has None.
     settling_time : ndarray, float
         Last time [s] at which ``info["success"]`` was not yet true: where the goal must hold for
         5 s, these are included. NaN without success.
@@ -37,12 +40,17 @@ class Evaluation:
     """
 
     returns: FloatArray
-    success: NDArray[np.bool_]
+    success: NDArray[Any]
     settling_time: FloatArray
     motor_work: FloatArray
 
     def __repr__(self) -> str:
         row = self.as_row()
+        if not self._judged:
+            return (
+                f"Evaluation({row['episodes']} episodes: the mode defines no success; mean return "
+                f"{row['return']:.2f})"
+            )
         low, high = row["success_low"], row["success_high"]
         settled = row["settling_time"]
         since = "" if settled is None else f" from {settled:.2f} s on"
@@ -62,22 +70,30 @@ class Evaluation:
         """Wilson's confidence interval of 95 % for the success rate."""
         from scipy.stats import binomtest  # takes long to import
 
+        if not self._judged:
+            return math.nan, math.nan
         test = binomtest(int(self.success.sum()), self.success.size)
         low, high = test.proportion_ci(method="wilson")
         return float(low), float(high)
+
+    @property
+    def _judged(self) -> bool:
+        """Whether the mode defines a success."""
+        return self.success.dtype == np.bool_
 
     def as_row(self) -> dict[str, float | None]:
         """Return the means, with the confidence interval of the success rate.
 
         "settling_time" is a mean over the successful episodes, None where there are none.
         """
-        low, high = self.success_interval
-        settled = self.settling_time[self.success]
+        rate, (low, high) = self.success_rate, self.success_interval
+        settled = self.settling_time[np.isfinite(self.settling_time)]
+        judged = self._judged
         return {
             "episodes": self.success.size,
-            "success": self.success_rate,
-            "success_low": round(low, 4),
-            "success_high": round(high, 4),
+            "success": rate if judged else None,
+            "success_low": round(low, 4) if judged else None,
+            "success_high": round(high, 4) if judged else None,
             "return": round(float(self.returns.mean()), 2),
             "settling_time": round(float(settled.mean()), 2) if settled.size else None,
             "motor_work": round(float(self.motor_work.mean()), 2),
@@ -99,8 +115,9 @@ def evaluate(
     Parameters
     ----------
     model : callable, or anything with the method `predict` of Stable-Baselines3
-        ``model(observation, info)`` returns the actions, see `Controller`. A module of PyTorch may
-        take the observations alone, (B, k), and return a tensor.
+        ``model(observation, info)`` returns the actions, see `Controller`. With noise, delay or
+        rounding of sensors the state in `info` is that observed. A module of PyTorch may take the
+        observations alone, (B, k), and return a tensor.
         ``model.predict(observation, state, episode_start, deterministic=True)`` returns the actions
         and the state of a recurrent model, which is kept.
     env : mapping, str, EnvSpec, or environment
@@ -166,6 +183,10 @@ def evaluate(
         step_work = np.abs(info.get("torque", idle) * turned).sum(axis=1)
         returns += np.where(running, reward, 0.0)
         work += np.where(running, step_work, 0.0)
-        success = np.where(running, info["success"], success)
-        last_failure = np.where(running & ~info["success"], info["time"], last_failure)
-    return Evaluation(returns, success, np.where(success, last_failure, np.nan), work)
+        if "success" in info:
+            success = np.where(running, info["success"], success)
+            last_failure = np.where(running & ~info["success"], info["time"], last_failure)
+    if not config.mode.defines_success:
+        success = np.full(episodes, np.nan)
+    settled = np.where(success == 1.0, last_failure, np.nan)
+    return Evaluation(returns, success, settled, work)

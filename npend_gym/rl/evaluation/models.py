@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym.envs.config import EnvConfig
-from npend_gym.rl.evaluation.rollouts import Controller
+from npend_gym.rl.evaluation.rollouts import Controller, Observer
 from npend_gym.rl.evaluation.wrappers import (
     WAY_OUT,
     Behind,
@@ -42,11 +42,22 @@ def as_controller(
     wrappers: Sequence[Any] = (),
     *,
     deterministic: bool = True,
+    observes: bool = False,
 ) -> Controller:
     """Return what acts in an environment of these settings as `model` does behind its wrappers.
 
     Without wrappers of the environment, the model observes through those of its own training.
+    Where the environment does not show the exact state, or the model `observes` it in any case, it
+    is given the state as observed, see `Observer`.
     """
+    controller = _behind(model, config, wrappers, deterministic=deterministic)
+    return Observer(controller, config) if observes or not config.shows_state else controller
+
+
+def _behind(
+    model: Controller | Model, config: EnvConfig, wrappers: Sequence[Any], *, deterministic: bool
+) -> Controller:
+    """Return a model as what is called with an observation and an info."""
     if not wrappers:
         _check_observation(model, config)
     if not hasattr(model, "predict"):

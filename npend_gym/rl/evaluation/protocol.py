@@ -15,7 +15,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.evaluation.criteria import CRITERIA, RolloutGroup, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Observer, Result, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Result, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, EnvSetting, judging, setting_of
 
@@ -155,7 +155,7 @@ def robustness(
     ------
     ValueError, TypeError
         If an argument breaks its rule, or the environment has no motor, observes the context, or is
-        a `goal_env`; if no criterion applies to it.
+        a `goal_env`; if its mode defines no success; if no criterion applies to it.
 
     References
     ----------
@@ -178,10 +178,15 @@ def robustness(
     seconds = _checks.positive_number("seconds", seconds)
     setting = setting_of(env)
     nominal, config, steps = setting.nominal(seconds)
+    if not config.mode.defines_success:
+        raise ValueError(
+            f"achieved of mode {config.mode.name!r} must be defined for robustness, which counts "
+            "the episodes at whose end it is True; performance and recovery need none"
+        )
     at_the_end = copy.copy(config.mode)
     vars(at_the_end)["hold"] = 0.0  # the goal is to be met at the end
     nominal.keywords["mode"] = at_the_end
-    observer = Observer(as_controller(model, config, nominal.wrappers), config)
+    observer = as_controller(model, config, nominal.wrappers, observes=True)
     trial = Trial(config, steps, values, repetitions, seed)
     # all of them before the first rollout, so that none fails after those of others
     made = {name: _rollouts(name, criteria[name], trial, nominal) for name in criteria}

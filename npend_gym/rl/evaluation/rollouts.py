@@ -28,8 +28,10 @@ class Controller(Protocol):
         ----------
         observation : ndarray, float32, shape (B, k)
         info : dict
-            The info of the vector environment, with the exact state in ``info["theta"]`` and
-            ``info["omega"]``.
+            The info of the vector environment, with the state in ``info["theta"]`` and
+            ``info["omega"]``. It is exact where sensors are ideal and velocities are observed. Else
+            it is the state as observed, and only keys that follow from it are there: see
+            `Observer`.
 
         Returns
         -------
@@ -139,15 +141,17 @@ class JoinedEnvs:
 
 
 _OF_VELOCITIES = "omega", "cart_velocity", "energy"  # keys of `info`
+_PASSED = "time", "goal", "context"  # on to controllers: sensors have no part in these
 
 
 class Observer:
     """A controller that is given the state as its sensors show it, in place of the exact one.
 
     Noise and delay then reach controllers that read ``info["theta"]`` and ``info["omega"]``. The
-    angles observed are joined to a path without jumps; "energy" is that of this state. Of the other
-    keys only "time" and "goal" are passed on. Velocities that are not observed are left out.
-    `config` is that of the environment as made, without errors of the model.
+    angles observed are joined to a path without jumps; "energy" and "tip_height" are those of this
+    state. Of the other keys only "time", "goal" and an observed "context" are passed on. Velocities
+    that are not observed are left out. `config` is that of the environment as made, without errors
+    of the model.
     """
 
     def __init__(self, controller: Controller, config: EnvConfig) -> None:
@@ -159,18 +163,27 @@ class Observer:
         self._theta = None
         forget(self._controller, num_envs)
 
-    def __call__(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
+    def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
         """Return the actions of the controller."""
-        observed = {key: info[key] for key in ("time", "goal") if key in info}
-        observed |= self._state(np.asarray(observation, np.float64))
+        config = self._config
+        passed = _PASSED if config.observe_context else _PASSED[:-1]
+        observed = {key: info[key] for key in passed if key in info}
+        seen = observation["observation"] if config.goal_env else observation
+        observed |= self._state(np.asarray(seen, np.float64))
         try:
             return self._controller(observation, observed)
         except KeyError as error:
-            if self._config.observe_velocities or error.args[0] not in _OF_VELOCITIES:
+            key = error.args[0]
+            if not config.observe_velocities and key in _OF_VELOCITIES:
+                raise ValueError(
+                    f"observe_velocities must be True for a controller that reads info[{error}], "
+                    "got False"
+                ) from error
+            if key not in info or key in observed:
                 raise
             raise ValueError(
-                f"observe_velocities must be True for a controller that reads info[{error}], got "
-                "False"
+                f"model must read only what sensors show, which are {', '.join(observed)}; got "
+                f"info[{error}]: compute it from these, or leave errors of sensors out of env"
             ) from error
 
     def _state(self, seen: FloatArray) -> dict[str, Any]:
@@ -182,7 +195,8 @@ class Observer:
         if self._theta is not None:
             theta = self._theta + wrap(theta - self._theta)
         self._theta = theta
-        state: dict[str, Any] = {"theta": theta}
+        tip = energy.positions(config.chain, theta)[:, -1, 1]
+        state: dict[str, Any] = {"theta": theta, "tip_height": tip}
         speeds = n if config.observe_velocities else 0
         if config.rail is not None:
             state["cart_position"] = rest[:, speeds] * config.rail

@@ -46,7 +46,7 @@ It was made for the environment `gym.make("{env_id}", **policy.env)` with these 
 
 | | |
 |---|---|
-| success | {success:.1%}, 95 % confidence interval {low:.1%} to {high:.1%} |
+| success | {success} |
 | return | {mean:.1f}, standard deviation {deviation:.1f} |
 | settling time | {settling} |
 
@@ -119,12 +119,15 @@ def write_repository(
 def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> str:
     """Return the text of the card."""
     task, row = task_of(policy.env), found.as_row()
-    low, high = found.success_interval
+    success = "none: the mode defines neither achieved nor failed"
+    if row["success"] is not None:
+        low, high = found.success_interval
+        success = f"{row['success']:.1%}, 95 % confidence interval {low:.1%} to {high:.1%}"
     mean, deviation = float(found.returns.mean()), float(found.returns.std())
     settling, mode, count = row["settling_time"], policy.env.get("mode", ""), found.returns.size
     held_out = seed >= HELD_OUT and seed + count - 1 <= MAX_SEED
     return _CARD.format(
-        about=_metadata(hub, task, name, mean, deviation, found.success_rate),
+        about=_metadata(hub, task, name, mean, deviation, row["success"]),
         name=name.rpartition("/")[2], repository=name if "/" in name else f"USER/{name}",
         trust=", trust=True" if ":" in mode else "",
         task=task, env_id=ENV_ID, version=__version__, layers=len(policy.weights),
@@ -132,20 +135,23 @@ def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> 
         numbers=sum(a.size for a in (*policy.weights, *policy.biases)),
         env=json.dumps(plain_keywords(policy.env), indent=2),
         episodes=count, seed=seed, held_out=", which no training takes" if held_out else "",
-        success=found.success_rate, low=low, high=high,
-        mean=mean, deviation=deviation,
+        success=success, mean=mean, deviation=deviation,
         settling="none" if settling is None else f"{settling:.1f} s in successful episodes",
         provenance=json.dumps(policy.provenance, indent=2),
     )  # fmt: skip
 
 
-def _metadata(hub: Any, task: str, name: str, mean: float, deviation: float, success: float) -> str:
+def _metadata(
+    hub: Any, task: str, name: str, mean: float, deviation: float, success: float | None
+) -> str:
     """Return what the Hub reads, as YAML: the ``model-index`` has a result for each metric."""
     of_task = {
         "task_type": "reinforcement-learning", "task_name": "reinforcement-learning",
         "dataset_type": task, "dataset_name": task,
     }  # fmt: skip
-    metrics = {"mean_reward": f"{mean:.2f} +/- {deviation:.2f}", "success_rate": round(success, 4)}
+    metrics: dict[str, Any] = {"mean_reward": f"{mean:.2f} +/- {deviation:.2f}"}
+    if success is not None:
+        metrics["success_rate"] = round(success, 4)
     results = [
         hub.EvalResult(metric_type=metric, metric_name=metric, metric_value=value, **of_task)
         for metric, value in metrics.items()
