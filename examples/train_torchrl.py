@@ -2,7 +2,7 @@
 
 Run it with `python examples/train_torchrl.py swingup-1`: it writes `swingup-1.safetensors`, a
 policy of plain numbers for `npend evaluate`, and `swingup-1.csv`, its learning curve. It needs
-`pip install "npend-gym[rl]" torchrl`.
+`pip install -c constraints.txt ".[rl]" torchrl`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,12 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+_WITH_TORCH = ("rl",)  # extras that bring PyTorch, from PyPI with CUDA on Linux
+CPU_TORCH = (
+    "without a GPU, first the small build of PyTorch: "
+    "pip install torch --index-url https://download.pytorch.org/whl/cpu"
+)
+
 
 def require(module: str, extra: str, purpose: str) -> Any:
     """Import `module` and return it.
@@ -40,6 +46,7 @@ def missing(module: str, extra: str, purpose: str, error: Exception | None = Non
     absent = isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] == library
     if error is None or absent:
         way_out = f'install it with pip install "npend-gym[{extra}]"'
+        way_out += f" ({CPU_TORCH})" if extra in _WITH_TORCH else ""
     else:
         way_out = f"it is installed but cannot be imported: {error}"
     return ImportError(f"{purpose} need {library}: {way_out}", name=library)

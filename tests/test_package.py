@@ -16,6 +16,7 @@ import pytest
 from scripts import run_python
 
 import npend_gym
+from npend_gym._extras import missing
 from npend_gym.compiled import notice
 from npend_gym.compiled.sources import PACKAGE, cache_folder
 
@@ -46,7 +47,19 @@ try:
 except ImportError as error:
     print(error)
 """
-    assert 'need torch: install it with pip install "npend-gym[rl]"' in python(code)
+    error = python(code)
+    assert 'need torch: install it with pip install "npend-gym[rl]"' in error
+    assert "pip install torch --index-url https://download.pytorch.org/whl/cpu" in error
+
+
+def test_pages_name_the_index_of_the_small_pytorch_and_the_version_of_the_constraints():
+    pinned = re.search(
+        r"^torch==(\S+)$", (PACKAGE.parent / "constraints.txt").read_text(), re.MULTILINE
+    )[1]
+    wanted = f"pip install torch=={pinned} --index-url https://download.pytorch.org/whl/cpu"
+    for name in ("constraints.txt", "docs/howto/troubleshooting.md"):
+        assert wanted in (PACKAGE.parent / name).read_text("utf-8"), name
+    assert "https://download.pytorch.org" not in str(missing("matplotlib", "plot", "figures"))
 
 
 WITHOUT_EXTRAS = """

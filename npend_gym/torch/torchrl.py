@@ -8,6 +8,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from typing_extensions import Unpack
 
+from npend_gym._extras import CPU_TORCH
 from npend_gym.envs import EnvKeywords
 from npend_gym.torch.env import DifferentiableVectorEnv
 
@@ -16,7 +17,9 @@ try:
     from torchrl.data import Bounded, Categorical, Composite, Unbounded
     from torchrl.envs import EnvBase
 except ImportError as _error:
-    raise ImportError("TorchRLEnv needs TorchRL: pip install torchrl", name="torchrl") from _error
+    raise ImportError(
+        f"TorchRLEnv needs TorchRL: pip install torchrl ({CPU_TORCH})", name="torchrl"
+    ) from _error
 
 
 class TorchRLEnv(EnvBase):
