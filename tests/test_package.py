@@ -276,6 +276,10 @@ def installed_as_pinned(pinned, name):
         return found if pinned[name].specifier.contains(found.version) else None
 
 
+@pytest.mark.skipif(
+    sys.platform != "linux" or sys.version_info[:2] != (3, 11),
+    reason="constraints.txt is for Linux and Python 3.11; others need more, such as colorama",
+)
 def test_constraints_pin_all_that_a_pinned_package_needs(pinned):
     needs, todo, done = {}, {(name, "") for name in pinned}, set()
     while todo:
@@ -287,7 +291,6 @@ def test_constraints_pin_all_that_a_pinned_package_needs(pinned):
             if need.marker is None or need.marker.evaluate({"extra": extra}):
                 needs.setdefault(plain_name(need.name), []).append((name, need))
                 todo |= {(plain_name(need.name), each) for each in need.extras} - done
-    assert needs  # some are installed
     assert not {name: users for name, users in needs.items() if name not in pinned}
     for name, users in needs.items():
         (pin,) = pinned[name].specifier
