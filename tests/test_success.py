@@ -147,6 +147,8 @@ def test_a_mode_that_takes_arrays_for_numbers_is_told_what_to_write(method, use)
     env = DifferentiableVectorEnv(3, n=1, mode=Branching(method, use))
     with pytest.raises((ValueError, TypeError, RuntimeError), match=pattern):
         [env.reset(seed=0), env.step(torch.zeros((3, 1)))]
+
+
 class Aimless(Mode):
     """A user's mode with a reward alone."""
 

@@ -48,9 +48,7 @@ def identification_text(result: Identification) -> str:
 def _swings(result: Identification) -> list[str]:
     """Return the periods of small swings, and those measured, in lines."""
     measured = [
-        f"theta{link} in {period:.4g} s"
-        if math.isfinite(period)
-        else f"theta{link} in no whole one"
+        f"theta{link} " + (f"{period:.4g} s" if math.isfinite(period) else "- (no whole swing)")
         for link, period in enumerate(result.mean_periods.tolist())
     ]
     lines = ["measured, mean time from swing to swing: " + ", ".join(measured)]
