@@ -166,26 +166,21 @@ def _spread(motion: Motion) -> float:
 def check_values(found: Chain, given: Chain, motion: Motion, *, weighed: bool) -> None:
     """Refuse a fitted chain that no pendulum can be, and warn of values that are unlikely.
 
-        Parameters
-        ----------
-        found, given : Chain
-            The fitted chain, and the one that was given.
-        motion : Motion
-            What was fitted.
-        weighed : bool
-            Whether inertia or lift of the links were fitted.
+    Parameters
+    ----------
+    found, given : Chain
+        The fitted chain, and the one that was given.
+    motion : Motion
+        What was fitted.
+    weighed : bool
+        Whether inertia or lift of the links were fitted.
 
-        Raises
-        ------
-        RuntimeError
-            If a centre of mass is more than ten lengths of its link from its joint. Of free swings, if
-    <<<<<<< HEAD
-            the fitted chain swings ten times as slowly or as fast as the data. Or if a link needs ten
-            times the mass that was given.
-    =======
-            the period of the chain is ten times that of the data, or a tenth, or a link needs ten
-            times the given mass.
-    >>>>>>> 82e2efab (Sentences of identify are shorter, and its text is tested as printed)
+    Raises
+    ------
+    RuntimeError
+        If a centre of mass is more than ten lengths of its link from its joint. Of free swings,
+        also if their period is ten times that of the fitted chain, or a tenth. The same where a
+        link needs ten times the given mass.
     """
     lengths = found.lengths.tolist()
     away = [abs(c) / length for c, length in zip(found.centres.tolist(), lengths, strict=True)]

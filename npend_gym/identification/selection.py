@@ -54,16 +54,9 @@ def choose(stages: Stages, fit: Fit, model: Model) -> tuple[Fit, Model, list[Lef
 
     `fit` is that of all terms of `model`. Each cluster of `uncertainty`, at best a swing, is
     predicted from all others: leave-one-out cross-validation. The optional term without which
-<<<<<<< HEAD
-    predictions are best is left out, then the next one. Of these fits
-    the one of the fewest terms is chosen among the good ones. A fit is good if its squared errors
-    exceed the least ones by no more than the standard error of this difference. A term that is left
-    out is zero, or has the value of the given chain, whichever predicts better.
-=======
     predictions are best is left out, then the next one. The fewest terms are chosen whose squared
-    errors exceed the least ones by no more than the standard error of this difference. A term that is left out is zero, or has the value of the given chain, whichever
-    predicts better.
->>>>>>> 82e2efab (Sentences of identify are shorter, and its text is tested as printed)
+    errors exceed the least ones by no more than the standard error of this difference. A term that
+    is left out is zero, or has the value of the given chain, whichever predicts better.
     """
     edges = cluster_edges(fit.solution, model.chain.n)
     weights = fit.solution.weights
@@ -124,11 +117,7 @@ def _trial(
 
 
 def _as_good(squares: FloatArray, best: FloatArray, errors: float) -> bool:
-<<<<<<< HEAD
-    """Whether squares of the clusters exceed the best ones by at most `errors` standard errors."""
-=======
     """Whether squares of the clusters exceed the best ones by this many standard errors at most."""
->>>>>>> 82e2efab (Sentences of identify are shorter, and its text is tested as printed)
     more = squares - best
     return float(more.sum()) <= errors * math.sqrt(more.size) * float(more.std(ddof=1))
 
