@@ -27,7 +27,7 @@ class Task(NamedTuple):
 
 # On the cart of the chain, or on one of the mass of a chain that has none
 _ON_CART = {"mode": "balance", "observation": "scaled", "base": "cart", "max_force": 10.0}
-_OF_DM_CONTROL = _ON_CART | {"rail": 1.8, "max_tilt": math.radians(36)}  # as Wieland's two poles
+_OF_DM_CONTROL = _ON_CART | {"rail": 1.8, "max_tilt": math.radians(36)}
 _OF_GYMNASIUM = _ON_CART | {"rail": 2.4, "max_tilt": math.radians(12)}
 
 # Each page docs/tasks/*.md describes one of them

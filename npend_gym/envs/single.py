@@ -112,8 +112,9 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
 
     Episode end
     -----------
-    Mode "balance" terminates when the tip falls below half the chain's length, and any mode when a
-    cart is beyond the end of its rail: it then has no reward and no success. Episodes are
+    Mode "balance" terminates when the tip falls below half the chain's length, or a rod leans by
+    more than `max_tilt`. Any mode does when a cart is beyond the end of its rail: it then has no
+    reward and no success. Episodes are
     truncated after 1000 steps (by `gym.make`), and when the state leaves all bounds
     (\|theta\| > 1e5, \|omega\| > 1e6, or NaN): ``info["diverged"]`` is then True and the last
     finite state is kept.
@@ -121,7 +122,8 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     Info
     ----
     The keys of `Info`, the same from the reset on. ``info["success"]`` is True while the success
-    that the list of tasks names has held without interruption, for as long as it says.
+    that the list of tasks names has held without interruption, for as long as it says. A mode of
+    your own that defines neither `achieved` nor `failed` has no such key.
 
     Parameters
     ----------
