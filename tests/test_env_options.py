@@ -56,7 +56,7 @@ def test_without_velocities_all_else_is_observed_as_with_them(keywords):
 def test_a_controller_that_needs_velocities_says_so():
     config, seen = EnvConfig(observe_velocities=False), np.zeros((2, 10), np.float32)
     told = Observer(lambda _, info: info, config)(seen, {"time": np.zeros(2)})
-    assert set(told) == {"time", "theta"}
+    assert set(told) == {"time", "theta", "tip_height"}
     with pytest.raises(ValueError, match=r"observe_velocities must be True .*'omega'.* got False"):
         Observer(lambda _, info: info["omega"], config)(seen, {"time": np.zeros(2)})
 
