@@ -90,6 +90,67 @@ def _draw_forces(
 
 
 @styled
+def conventions() -> Figure:
+    """Draw from where angles are measured, and what torques at joints turn."""
+    theta, radius = np.array([0.55, 1.15, -0.35]), 0.42
+    rods = np.column_stack([np.sin(theta), -np.cos(theta)])
+    joints = np.vstack([np.zeros(2), np.cumsum(rods, axis=0)])
+    figure = Figure(figsize=(7.6, 4.0))
+    axes: Any = figure.subplots(1, 2)
+    for ax, title in zip(axes, ("angles", "torques"), strict=True):
+        ax.plot(*joints.T, color=FAINT, linewidth=5.0, zorder=1)
+        ax.plot(*joints[:-1].T, "o", color=BLACK, markersize=5, zorder=3)
+        ax.plot(*joints[-1], "o", color=BLUE, markersize=7, zorder=3)
+        ax.set(
+            aspect="equal", xlim=(-0.8, 2.3), ylim=(-2.7, 0.6), title=title, xticks=[], yticks=[]
+        )
+        for spine in ax.spines.values():
+            spine.set_visible(False)
+    for i, angle in enumerate(theta):
+        x, y = joints[i]
+        axes[0].plot([x, x], [y, y - 0.75], "--", color=BLACK, linewidth=0.8)
+        _arc(axes[0], joints[i], radius, -np.pi / 2, -np.pi / 2 + angle, BLUE)
+        half = -np.pi / 2 + 0.5 * angle
+        name, side = (f"$\\theta_{i}$", "center") if angle > 0.0 else (f"$\\theta_{i}$ < 0", "left")
+        place = 1.45 * radius * np.array([np.cos(half), np.sin(half)])
+        place += (0.3, 0.1) if angle < 0.0 else (0.0, 0.0)
+        axes[0].text(*(joints[i] + place), name, color=BLUE, ha=side, va="center")
+    axes[0].text(-0.1, 0.08, "pivot", ha="right")
+    for name, to in (("x", (0.5, 0.0)), ("y", (0.0, 0.5))):
+        arrow = {"arrowstyle": "-|>", "color": BLACK, "shrinkA": 0, "shrinkB": 0}
+        origin = np.array([1.5, -0.1])
+        axes[0].annotate("", origin + to, origin, arrowprops=arrow)
+        axes[0].text(*(origin + 1.2 * np.array(to)), name, ha="center", va="center")
+    for i in range(2):  # on the rod below the joint, and its reaction on what is above
+        middle = np.arctan2(rods[i, 1], rods[i, 0])
+        _arc(axes[1], joints[i], radius, middle - 0.9, middle + 0.9, ORANGE)
+        _beside(axes[1], joints[i] + 0.5 * rods[i], rods[i], rf"$+\tau_{i}$ on rod {i}", ORANGE, 1)
+    above = np.arctan2(-rods[0, 1], -rods[0, 0])
+    _arc(axes[1], joints[1], radius, above + 0.9, above - 0.9, GREEN)
+    _beside(axes[1], joints[1] - 0.4 * rods[0], rods[0], r"$-\tau_1$ on rod 0", GREEN, -1)
+    axes[1].text(*(joints[0] + (0.12, 0.12)), "joint 0: the pivot holds")
+    axes[1].text(*(joints[1] - (0.12, 0.12)), "joint 1", ha="right", va="top")
+    return figure
+
+
+def _arc(axes: Any, centre: FloatArray, radius: float, a: float, b: float, color: str) -> None:
+    """Draw an arc from one direction to another, with a head at its end."""
+    along = np.linspace(a, b, 40)[:, None]
+    path = centre + radius * np.hstack([np.cos(along), np.sin(along)])
+    axes.plot(*path[:-3].T, color=color, linewidth=1.6, zorder=2)
+    arrow = {"arrowstyle": "-|>", "color": color, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", path[-1], path[-4], arrowprops=arrow)
+
+
+def _beside(
+    axes: Any, place: FloatArray, rod: FloatArray, text: str, color: str, side: int
+) -> None:
+    across = side * np.array([-rod[1], rod[0]])
+    align = "left" if across[0] > 0.0 else "right"
+    axes.text(*(place + 0.5 * across), text, color=color, ha=align, va="center")
+
+
+@styled
 def readings() -> Figure:
     """Draw what the readings look at, for one bob of a release, and where each completes."""
     chain, start, bob = Chain.uniform(5), np.pi / 4, 2
@@ -232,6 +293,7 @@ def class_experiment() -> Figure:
 
 
 FIGURES = {
+    "conventions": conventions,
     "tensions": tensions,
     "readings": readings,
     "tolerance": tolerance,

@@ -9,9 +9,11 @@ import shutil
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scripts import run_python
 
+from npend_gym import Chain, simulate
 from npend_gym.rl import Policy, pretrained_names
 from npend_gym.rl.training.trainers import trainer_names
 
@@ -83,7 +85,9 @@ def test_the_reference_has_every_public_name(face):
         assert names >= set(import_module(f"npend_gym.{face}").__all__)
 
 
-@pytest.mark.parametrize("name", ["tensions", "readings", "tutorial", "class_experiment"])
+@pytest.mark.parametrize(
+    "name", ["conventions", "tensions", "readings", "tutorial", "class_experiment"]
+)
 def test_figures_of_the_pages_are_drawn(name):
     figure = script_of_docs("figures").FIGURES[name]()
     assert len(figure.axes) >= 2
@@ -110,6 +114,33 @@ def script_of_docs(name):
 def test_tables_of_the_policies_that_ship_are_what_docs_shipped_policies_writes(page):
     script, text = script_of_docs("shipped_policies"), (ROOT / page).read_text(encoding="utf-8")
     assert script.with_table(text, script.TABLES[page]()) == text
+
+
+def test_the_page_of_all_names_is_what_docs_names_writes():
+    script = script_of_docs("names")
+    assert script.page() == script.PAGE.read_text(encoding="utf-8"), "python docs/names.py"
+
+
+@pytest.mark.parametrize("face", ["physics", "chaos", "envs", "rl", "torch", "export", "theory"])
+def test_the_page_of_all_names_can_be_read_in_a_clone(face):
+    text = (ROOT / "docs" / "reference" / "names.md").read_text(encoding="utf-8")
+    sources = (ROOT / "npend_gym" / face / "__init__.pyi").read_text(encoding="utf-8")
+    names = re.findall(r"^from npend_gym\.\S+ import (\w+)", sources, re.MULTILINE)
+    missing = [name for name in names if f"- `{name}" not in text]
+    assert not [name for name in missing if not name.isupper()]
+    assert "autoclass" not in text
+
+
+def test_a_torque_turns_as_the_page_of_all_names_says():
+    # from rest, hanging and without gravity: a motor at joint 1 turns rod 1 counter-clockwise and
+    # rod 0 the other way, one at joint 0 turns rod 0; the tip goes where x and y say
+    chain = Chain.uniform(2, gravity=0.0)
+    first = simulate(chain, 0.0, 0.0, [0.0, 0.1], torque=[1.0, 0.0])
+    second = simulate(chain, 0.0, 0.0, [0.0, 0.1], torque=[0.0, 1.0])
+    assert first.theta[-1, 0] > 0.0
+    assert second.theta[-1, 0] < 0.0 < second.theta[-1, 1]
+    places = simulate(chain, [0.5 * np.pi, np.pi], 0.0, [0.0]).positions()[0]
+    np.testing.assert_allclose(places, [[1.0, 0.0], [1.0, 1.0]], atol=1e-12)
 
 
 def test_a_record_names_a_trainer_or_a_script_that_exists():
