@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import _checks, theory
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
@@ -21,12 +20,11 @@ from npend_gym.physics.recipe import Function
 from npend_gym.physics.sensitivities import carry
 from npend_gym.physics.signals import Signal
 from npend_gym.physics.start import Start
+from npend_gym.physics.substeps import LONGEST_PHASE, lighter, swinging_rate
 from npend_gym.theory.modes import decay_rate
 
-# Longest step times the fastest mode's frequency, or the rate of the fastest decay: vectors follow
-# these, but the motion itself may not, and at rest would allow any step.
-_LONGEST = 0.5
 _MOST = 10**8  # parts of a motion
+_FROM_ZERO = np.zeros(1)  # times of a motion whose measure chooses its own
 
 
 def tangents(
@@ -85,7 +83,7 @@ def tangents(
     [4.49, 2.19, 5.87, 2.72]
     """
     instants, steps = check_times(times, check_chain(chain).n), _checks.count("steps", steps)
-    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration, float(instants[0]))
+    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration, instants)
     size = motion.state.size
     own: Any = vectors
     if not isinstance(vectors, np.ndarray) or not vectors.flags.writeable:
@@ -106,41 +104,33 @@ def motion_of(
     omega: ArrayLike,
     rtol: float = 1e-11,
     pivot_acceleration: Any = None,
-    begin: float = 0.0,
+    times: FloatArray = _FROM_ZERO,
 ) -> Motion:
     """Return the motion along which tangent vectors are carried; arguments as for `tangents`.
 
     A cart starts at rest, and springs with the tensions of rigid rods.
     """
     n, felt = check_chain(chain).n, in_frame_of_pivot(chain, pivot_acceleration)
+    # vectors follow these rates, but the motion itself may not, and at rest would allow any step
     rate = max(fastest_rate(felt), fastest_decay(chain))
-    settings = check_settings("dop853", rtol, 0.01 * rtol, _LONGEST / rate)
+    settings = check_settings("dop853", rtol, 0.01 * rtol, LONGEST_PHASE / rate)
     start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     drives = {"torque": None, "force": 0.0, "pivot_acceleration": pivot_acceleration}
-    started = Start((chain,), *start, drives, {"stretch": None}, begin, settings, one=True)
+    started = Start((chain,), *start, drives, {"stretch": None}, times, settings, one=True)
     motion = started.motion(slice(0, 1), packed=False)
-    motion.drives.check_time_alone(begin, *np.split(motion.state, 2))
+    motion.drives.check_time_alone(float(times[0]), *np.split(motion.state, 2))
     return motion
 
 
 def fastest_decay(chain: Chain) -> float:
     """Return a bound of the rate [1/s] at which dampers, drag and dry friction act, or 0."""
     rate = mechanism_of([chain]).axial_rates()[1]
-    lighter = _lighter(chain)
     damping = chain.damping + chain.friction / chain.friction_speed  # where friction is steepest
     if np.any(damping) or np.any(chain.drag):
-        rate = max(rate, lighter * decay_rate(chain.hung(), damping, chain.drag))
+        rate = max(rate, lighter(chain) * decay_rate(chain.hung(), damping, chain.drag))
     if chain.base is not None:
-        rate = max(rate, lighter * chain.base.damping / chain.base.mass)
+        rate = max(rate, lighter(chain) * chain.base.damping / chain.base.mass)
     return rate
-
-
-def _lighter(chain: Chain) -> float:
-    """Return by how much less inertia a chain may have on its cart than on a pivot at rest.
-
-    A chain of mass m on a cart of mass M has at least M / (M + m) of it.
-    """
-    return 1.0 if chain.base is None else 1.0 + float(chain.masses.sum()) / chain.base.mass
 
 
 def loses_energy(chain: Chain) -> bool:
@@ -154,9 +144,7 @@ def fastest_rate(chain: Chain) -> float:
 
     On a cart and with springs it is a bound of it.
     """
-    vibrating = mechanism_of([check_chain(chain)]).axial_rates()[0]
-    swinging = theory.fastest_frequency(chain.hung()) or 1.0
-    return max(vibrating, swinging * math.sqrt(_lighter(chain)))
+    return max(mechanism_of([check_chain(chain)]).axial_rates()[0], swinging_rate(chain))
 
 
 def count_parts(chain: Chain, duration: float, step: float) -> int:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -15,9 +16,11 @@ from npend_gym.chain import MAX_RODS, Chain
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.functions import called
 from npend_gym.physics.motion import TakenSteps
+from npend_gym.physics.substeps import longest_step
 
 QUANTITIES = ("angle", "angular_velocity", "velocity", "height", "energy", "flip")
-_PARTS = 4  # of a step, at whose ends the sign is looked at
+_PLACES = np.linspace(0.0, 1.0, 5)  # of a step, or a piece of it, where the sign is looked at
+_MOST_PIECES = 1e12  # of a step
 _RESOLUTION = 1e-13  # s, of an instant
 _RODS_AT_ONCE = 10_000  # rods times steps: what is copied of them stays small, and Ctrl-C is heard
 
@@ -109,6 +112,7 @@ class Watched(NamedTuple):
     function: Callable[..., FloatArray]
     direction: int
     end_at: int  # its occurrence that ends the motion, counted from 1; 0 is none
+    opaque: bool  # a function of the user's, which need not follow the motion alone
 
 
 class Occurrence(NamedTuple):
@@ -129,14 +133,24 @@ class Looked(NamedTuple):
 class Watch:
     """Looks for events in steps that come one after another.
 
+    Parameters
+    ----------
+    events, chain
+        As for `watched`.
+    times : ndarray, shape (T,)
+        Of the motion [s].
+
     Attributes
     ----------
     end : Occurrence or None
         The one that ends the motion, after which nothing is kept.
     """
 
-    def __init__(self, events: Any, chain: Chain) -> None:
+    def __init__(self, events: Any, chain: Chain, times: FloatArray) -> None:
         self._events, self._n = watched(events, chain), chain.n
+        opaque = any(event.opaque for event in self._events)
+        # no step is cut, which would change the motion: its pieces are looked at
+        self._longest = longest_step(chain, times) if opaque else math.inf
         self._found: list[list[Occurrence]] = [[] for _ in self._events]
         self._last = [math.nan for _ in self._events]  # values at the end of the last step
         self.end: Occurrence | None = None
@@ -146,9 +160,9 @@ class Watch:
 
         An event that raises after the end of the motion is no error.
         """
-        for part in steps.parts(max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])):
+        for pieces in self._pieces(steps):
             each_event = zip(self._events, self._last, strict=True)
-            looked = [_occurrences(event, last, part) for event, last in each_event]
+            looked = [_occurrences(event, last, steps, *pieces) for event, last in each_event]
             new, self._last = [each.found for each in looked], [each.last for each in looked]
             each_event = zip(self._events, self._found, new, strict=True)
             ends = [found[event.end_at - len(kept) - 1] for event, kept, found in each_event
@@ -163,6 +177,17 @@ class Watch:
             if end is not None:
                 return True
         return False
+
+    def _pieces(self, steps: TakenSteps) -> Iterator[tuple[NDArray[np.int64], FloatArray]]:
+        """Yield pieces of steps in time, some at once: their steps (K,), fractions of these."""
+        most = max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])
+        pieces = np.ceil((steps.end - steps.begin) / self._longest)
+        ends = np.cumsum(np.clip(pieces, 1.0, _MOST_PIECES).astype(np.int64))
+        for first in range(0, int(ends[-1]) if ends.size else 0, most):
+            piece = np.arange(first, min(first + most, int(ends[-1])))
+            index = np.searchsorted(ends, piece, side="right")
+            count = np.diff(ends, prepend=0)[index]
+            yield index, ((piece - ends[index] + count)[:, None] + _PLACES) / count[:, None]
 
     def as_dict(self) -> dict[str, list[FloatArray]]:
         """Return what was found, by the names of `Trajectory`."""
@@ -210,7 +235,8 @@ def watched(events: Any, chain: Chain) -> list[Watched]:
                 f"{_checks.show(event)}"
             )
         direction = int(np.sign(getattr(event, "direction", 0)))
-        found.append(Watched(function, direction, _end_at(getattr(event, "terminal", False))))
+        end_at = _end_at(getattr(event, "terminal", False))
+        found.append(Watched(function, direction, end_at, not isinstance(event, Event)))
     return found
 
 
@@ -247,22 +273,21 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
     return values
 
 
-def _occurrences(event: Watched, last: float, steps: TakenSteps) -> Looked:
-    """Return the zeros within steps that are looked at together, and the value at their end.
+def _occurrences(
+    event: Watched, last: float, steps: TakenSteps, index: NDArray[np.int64], x: FloatArray
+) -> Looked:
+    """Return the zeros within pieces of steps that are looked at together, and the last value.
 
-    The sign is looked at in a few places of each step. Where two steps meet, their values differ by
+    The sign is looked at in a few places `x` of each. Where two steps meet, their values differ by
     rounding, perhaps in sign: that of the earlier step counts. It is `last` for the first of these
     steps, or NaN if the motion begins there. A value of zero has no sign: a motion that begins
     there is no event, and one that comes there is.
     """
     from scipy.optimize import brentq
 
-    count, half = len(steps.begin), steps.states.shape[1] // 2
-    x = np.linspace(0.0, 1.0, _PARTS + 1)
-    index = np.arange(count)[:, None] + np.zeros(_PARTS + 1, np.int64)
-    states = steps.states_at(index, np.broadcast_to(x, index.shape))
-    length = steps.end - steps.begin
-    times = steps.begin[:, None] + length[:, None] * x
+    half, length = steps.states.shape[1] // 2, steps.end - steps.begin
+    states = steps.states_at(np.broadcast_to(index[:, None], x.shape), x)
+    times = steps.begin[index, None] + length[index, None] * x
     values, failure = np.full(times.shape, np.nan), None
     try:
         event.function(times, states[..., :half], states[..., half:], values)
@@ -275,20 +300,20 @@ def _occurrences(event: Watched, last: float, steps: TakenSteps) -> Looked:
     wanted = {1: rising, -1: falling, 0: rising | falling}[event.direction]
     found: list[Occurrence] = []
     for k, part in np.argwhere(wanted):
-        step = np.array(k)
+        step = index[k]
 
         def value(fraction: float, step: Any = step) -> float:
             state = steps.states_at(step, np.array(fraction))
             at = steps.begin[step] + fraction * length[step]
             return float(event.function(at, state[:half], state[half:], np.empty(())))
 
-        tolerance = max(_RESOLUTION / float(length[k]), 4.0 * np.finfo(float).eps)
-        low, high = float(x[part]), float(x[part + 1])
+        tolerance = max(_RESOLUTION / float(length[step]), 4.0 * np.finfo(float).eps)
+        low, high = float(x[k, part]), float(x[k, part + 1])
         ends = value(low), value(high)
         if ends[0] * ends[1] > 0.0:  # zero at an end, but for rounding
             root = high if abs(ends[1]) < abs(ends[0]) else low
         else:
             root = float(brentq(value, low, high, xtol=tolerance))
-        instant = float(steps.begin[k] + root * length[k])
+        instant = float(steps.begin[step] + root * length[step])
         found.append(Occurrence(instant, steps.states_at(step, np.array(root))))
     return Looked(found, float(values[-1, -1]), failure)

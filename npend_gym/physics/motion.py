@@ -63,11 +63,6 @@ class TakenSteps(NamedTuple):
             p = (p + poly[..., row, :]) * (u if row % 2 else x)
         return self.states[step] + (p + poly[..., 0, :]) * x
 
-    def parts(self, size: int) -> Iterator[TakenSteps]:
-        """Yield these steps in pieces."""
-        for first in range(0, len(self.begin), size):
-            yield self._some(first, first + size)
-
     def sound(self, n: int) -> TakenSteps:
         """Return the steps of `n` rods up to the first that has diverged."""
         finite = np.isfinite(self.polynomials).all(axis=(1, 2))

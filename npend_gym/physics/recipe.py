@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -62,10 +63,12 @@ class Recipe(NamedTuple):
     torque: Any  # on every joint [N m], (n,) or (B, n); or a Signal or Function
     force: Any = 0.0  # on a cart [N], () or (B,); or a Signal or Function
     pivot_acceleration: Any = None  # [m/s^2], (2,); or a Signal or Function
+    longest_step: Any = None  # [s], () or (B,), beside "dt" where functions drive a motion
 
     def of_motion(self, k: int) -> Recipe:
         """Return the recipe of motion `k` of many, with the drives that it has of its own."""
-        axes = {"torque": 2, "force": 1, "pivot_acceleration": 2}  # of arrays with a row for each
+        # of arrays with a row for each
+        axes = {"torque": 2, "force": 1, "pivot_acceleration": 2, "longest_step": 1}
         drives = {name: getattr(self, name) for name in axes}
         own = {
             name: drive[k]
@@ -109,4 +112,7 @@ def motion_of(
     drives = drives_of(mechanism, recipe)
     m = mechanism.size
     drives.begin(begin, state[:m], state[m:], kept)
-    return Motion(mechanism, state, drives, recipe.settings, members)
+    settings = dict(recipe.settings)
+    if recipe.longest_step is not None:
+        settings["dt"] = min(settings.get("dt", math.inf), float(recipe.longest_step))
+    return Motion(mechanism, state, drives, settings, members)

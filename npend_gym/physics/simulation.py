@@ -88,7 +88,7 @@ def simulate(
         Relative and absolute tolerance of each step (for "dop853").
     dt : float, optional
         Longest step [s]; "rk4" requires it. By default "dop853" takes steps of any length: at rest,
-        where the motion has no error, very long ones.
+        where the motion has no error, very long ones. Functions limit them: see the notes.
     events : Event, callable or list of these, optional
         What is looked for: an `Event`, or a function ``event(t, theta, omega)`` whose zeros are
         wanted, with the attributes `terminal` and `direction` of SciPy's, if any. Coordinates of a
@@ -120,9 +120,16 @@ def simulate(
     in Python, which takes some microseconds for each evaluation, twelve in a step. Both give the
     same bits where Python and machine code do. Steps end at the instants of a `Signal`.
 
+    No step with a function is longer than three of the intervals between `times`, on average. Nor
+    is it longer than 1/12 of the fastest normal mode's period, or 0.5 s without gravity. This holds
+    for both methods, derivatives and `Trajectory.at`. Calls of the function are at most 0.27 of a step
+    apart. So no pulse is missed that lasts as long as an interval, or 1/47 of that period. For
+    shorter ones give `dt` or a `Signal`.
+
     Four places of each step show the sign of an event. So two zeros that are nearer to each other
-    may be missed; zeros are located to 1e-12 s on the polynomials between steps. A motion that
-    begins at a zero is no event there.
+    may be missed; zeros are located to 1e-12 s on the polynomials between steps. Functions are
+    looked at in four places of every part of a step that has the length above. No event changes the
+    steps. A motion that begins at a zero is no event there.
 
     Examples
     --------
@@ -146,12 +153,11 @@ def simulate(
     drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
     places = {"position": position, "velocity": velocity}
     axial = {"stretch": stretch, "stretch_rate": stretch_rate}
-    begin = float(instants[0])
     started = Start(
-        chains, angles, speeds, drives, places | axial, begin, settings, one=one
+        chains, angles, speeds, drives, places | axial, instants, settings, one=one
     )  # fmt: skip
     looked_for = range(started.count if watched(events, chains[0]) else 0)
-    watches = [Watch(events, started.chain(k)) for k in looked_for]
+    watches = [Watch(events, started.chain(k), instants) for k in looked_for]
     frames, counts = _follow(started, instants, watches, threads)
     instants, frames = _until_ends(watches, instants, frames, one=one)
     which = 0 if one else slice(None)  # one motion has no leading axis

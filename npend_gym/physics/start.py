@@ -17,6 +17,7 @@ from npend_gym.physics.mechanism import check_lengths, mechanism_of
 from npend_gym.physics.motion import Motion, pack_of
 from npend_gym.physics.recipe import AT_REST, Function, Recipe, drives_of, motion_of
 from npend_gym.physics.signals import Signal, varies
+from npend_gym.physics.substeps import longest_step
 
 # What stands for a drive that changes in time while the others are checked
 _INSTEAD = {"torque": None, "force": 0.0, "pivot_acceleration": AT_REST}
@@ -34,8 +35,8 @@ class Start:
     drives, state : dict
         Torque, force and acceleration of the pivot; and what belongs to a state beside theta and
         omega: by the keywords of `simulate`.
-    begin : float
-        [s]
+    times : ndarray, shape (T,)
+        Instants of the motions [s]; they begin at the first.
     settings : dict
         Those that the method takes.
     one : bool
@@ -55,12 +56,12 @@ class Start:
 
     def __init__(
         self, chains: tuple[Chain, ...], theta: FloatArray, omega: FloatArray,
-        drives: dict[str, Any], state: dict[str, Any], begin: float, settings: dict[str, float],
-        *, one: bool,
+        drives: dict[str, Any], state: dict[str, Any], times: FloatArray,
+        settings: dict[str, float], *, one: bool,
     ) -> None:  # fmt: skip
         self.chains: tuple[Chain, ...] = chains
         first = chains[0]
-        self._begin = begin
+        self._begin = float(times[0])
         self._settings = settings
         self.is_one: bool = one
         self._callbacks = dict[Any, Callback]()  # functions as machine code, for all motions
@@ -86,7 +87,11 @@ class Start:
         )  # fmt: skip
         functions = {name: each if isinstance(each, (Signal, Function)) else Function(each)
                      for name, each in self.varying.items()}  # fmt: skip
-        self.recipe: Recipe = recipe._replace(**functions)
+        longest: Any = None
+        if any(isinstance(each, Function) for each in functions.values()):
+            of_each = [longest_step(chain, times) for chain in chains]
+            longest = of_each[0] if len(chains) == 1 else np.array(of_each)
+        self.recipe: Recipe = recipe._replace(longest_step=longest, **functions)
         chosen = first.stiffness is not None and state["stretch"] is None
         if chosen and (self.varying or len(chains) > 1):
             for k in range(self.count):
@@ -149,7 +154,7 @@ class Start:
         recipe = self.recipe
         made: dict[str, Any] = {} if self.is_one else {"motions": self.count}
         made |= {"method": recipe.method} | recipe.settings
-        for name in NAMES:
+        for name in (*NAMES, "longest_step"):
             value = getattr(recipe, name)
             if np.ndim(value) == 2 and np.all(value == value[0]):
                 value = value[0]

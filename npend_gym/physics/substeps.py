@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,11 +23,46 @@ _FRICTION = MAX_PHASE
 # A torque between two links turns them fastest where the chain is straight; folded chains of three
 # or more links had rates up to four times as large.
 _FOLDED = 4.0
+# A function of the user's is known only where a step calls it. So the fastest normal mode turns by
+# no more than this in a step with one [rad]. Steps of motions that are not at rest are shorter.
+LONGEST_PHASE = 0.5
+# Nor is a step longer than this many intervals between two times. The instants at which a step of
+# DOP853 calls a function are at most 0.27 of it apart: no pulse of one interval is missed.
+_INTERVALS = 3.0
 # How much closer to a limit a rate may be computed to lie than it does, of itself
 _ROUNDING = 1e-6
 # A chain that is whirled round turns faster than it swings. Substeps in which no rod turns by more
 # than this keep the energy of chains under random torques to some 1e-4 in an episode.
 MAX_ROTATION = 1.0 / 20.0  # rad
+
+
+def longest_step(chain: Chain, times: FloatArray) -> float:
+    """Return the length [s] that no step of a motion has with a function as a drive or an event.
+
+    It bounds what may be missed between two calls of the function, while the chain is at rest and
+    the tolerance allows any step. In it the fastest mode turns by half a radian at most. It is that
+    of three intervals between `times` at most, counted as if all were equal.
+    """
+    intervals = max(1, times.size - 1)
+    spacing = float(times[-1] - times[0]) / intervals or math.inf  # of one instant there is none
+    return min(_INTERVALS * spacing, LONGEST_PHASE / swinging_rate(chain))
+
+
+@lru_cache(maxsize=256)
+def swinging_rate(chain: Chain) -> float:
+    """Return the angular frequency [rad/s] of the fastest mode of rigid rods; 1 without gravity.
+
+    On a cart it is a bound.
+    """
+    return (fastest_frequency(chain.hung()) or 1.0) * math.sqrt(lighter(chain))
+
+
+def lighter(chain: Chain) -> float:
+    """Return by how much less inertia a chain may have on its cart than on a pivot at rest.
+
+    A chain of mass m on a cart of mass M has at least M / (M + m) of it.
+    """
+    return 1.0 if chain.base is None else 1.0 + float(chain.masses.sum()) / chain.base.mass
 
 
 def default_substeps(chain: Chain, dt: float) -> int:

@@ -46,7 +46,7 @@ def save(motion: Trajectory, path: str | PathLike[str]) -> None:
             "chain": motion.chain.as_dict(),
             "chains": [chain.as_dict() for chain in motion.chains],
             "provenance": motion.provenance,
-            "recipe": made and made._replace(**drives)._asdict(),
+            "recipe": made and made._replace(**drives, longest_step=None)._asdict(),
         }
     )
     names = ("times", "theta", "omega", *PIVOT, *AXIAL, "counts", "ends")
