@@ -122,8 +122,8 @@ def simulate(
 
     No step with a function is longer than three of the intervals between `times`, on average. Nor
     is it longer than 1/12 of the fastest normal mode's period, or 0.5 s without gravity. This holds
-    for both methods, derivatives and `Trajectory.at`. Calls of the function are at most 0.27 of a step
-    apart. So no pulse is missed that lasts as long as an interval, or 1/47 of that period. For
+    for both methods, derivatives and `Trajectory.at`. Calls of the function are at most 0.27 of a
+    step apart. So no pulse is missed that lasts as long as an interval, or 1/47 of that period. For
     shorter ones give `dt` or a `Signal`.
 
     Four places of each step show the sign of an event. So two zeros that are nearer to each other
