@@ -56,11 +56,17 @@ class _Library(JITCodeLibrary):
     """
 
     def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
+        if _NEW_PASSES:
+            ll_module.data_layout = self._codegen._data_layout
+        else:
+            super()._optimize_functions(ll_module)
 
     def _optimize_final_module(self) -> None:
-        passes, builder = self._codegen._module_pass_manager()
-        passes.run(self._final_module, builder)
+        if _NEW_PASSES:
+            passes, builder = self._codegen._module_pass_manager()
+            passes.run(self._final_module, builder)
+        else:
+            super()._optimize_final_module()
 
 
 class _KernelLibrary(_Library):
