@@ -279,38 +279,3 @@ def test_progress_wraps_the_iteration_over_the_guesses():
 
     planned_swing_up(EnvConfig(n=1, mode="swingup"), seconds=3.0, tries=2, progress=count)
     assert counted == [0, 1]
-
-
-RUBBING = Chain.rods([0.3] * 3, [0.25] * 3, friction=[0.02, 0.006, 0.006], friction_speed=0.05)
-
-
-def test_gains_of_a_plan_bring_back_a_chain_with_dry_friction_from_changes_of_a_steps_size():
-    # friction is tanh(speed / friction_speed): its slope at rest, 0.4 N m s/rad, holds for no
-    # change of speed that noise of a motor makes in one step
-    config = EnvConfig(chain=RUBBING, mode="swingup", dt=0.02)
-    model, n = StepModel(config), config.n
-    rest = np.concatenate([np.full(n, np.pi), np.zeros(n)])[None]
-    changed, action = rest.copy(), np.zeros((1, 1))
-    changed[0, n:] = 1.0, -1.0, 1.0  # rad/s
-    moved = model(changed, action) - model(rest, action)
-    errors = {}
-    for rub in (True, False):
-        by_state = model.derivatives(rest, action, rub=rub)[0][0]
-        errors[rub] = np.abs(moved[0] - by_state @ (changed - rest)[0])[n:].max()
-    assert errors[False] < 0.5 * errors[True]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "errors", [{"torque_noise": 0.025}, {"angle_resolution": 2 * np.pi / 2048}]
-)
-def test_a_plan_for_a_chain_with_dry_friction_survives_noise_and_encoders(errors, rubbing_plan):
-    env = {"chain": RUBBING, "mode": "swingup", "dt": 0.02}
-    limit = EnvConfig(**env).max_torque
-    noise = {k: v * (limit if k == "torque_noise" else 1.0) for k, v in errors.items()}
-    assert evaluate(rubbing_plan, env | noise, episodes=50).success_rate >= 0.9
-
-
-@pytest.fixture(scope="module")
-def rubbing_plan():
-    return planned_swing_up(EnvConfig(chain=RUBBING, mode="swingup", dt=0.02))

@@ -25,7 +25,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import FAILED, OK, printable, show_written, warn
+from npend_gym.cli.common import OK, printable, show_written, warn
 from npend_gym.cli.evaluate import refuse_said
 
 FILLS = {"npend_gym.cli.evaluate:run": ("env",)}
@@ -44,7 +44,7 @@ def run(
     overwrite: bool = False,
     resume: bool = False,
 ) -> int:
-    """Train, evaluate and write; return the exit code, 1 if the policy never succeeds.
+    """Train, evaluate and write; return the exit code.
 
     Parameters
     ----------
@@ -116,12 +116,7 @@ def run(
     print(f"{printable(str(task))} by {algorithm}, {curve[-1]['steps']} steps")
     print(evaluation_text(row))
     show_written(written, figures=False)
-    if row["success"] != 0.0:
-        return OK
-    expert = curve[-1].get("expert_success")
-    why = "" if expert is None else f"; its expert succeeds in {expert:.0%} of the episodes"
-    warn(f"npend train: {task} failed: the policy succeeds in no held-out episode{why}")
-    return FAILED
+    return OK
 
 
 def _algorithm(task: str, name: str | None) -> str:

@@ -177,11 +177,6 @@ def step_jacobian(
     FloatingPointError
         If a state leaves all bounds in the step.
 
-    Notes
-    -----
-    Of dry friction near rest see `linearise`: feedback that is designed with the exact derivatives
-    may have gains of the wrong sign.
-
     Examples
     --------
     >>> from npend_gym import Chain, physics

@@ -199,7 +199,7 @@ class ILQR:
         """Return the derivatives of all steps, (steps, B, 2c, 2c) and (steps, B, 2c, joints)."""
         flat = states.reshape(-1, states.shape[2]), actions.reshape(-1, actions.shape[2])
         try:
-            a, b = self.model.derivatives(*flat, rub=False)
+            a, b = self.model.derivatives(*flat)
         except FloatingPointError as error:
             first = self.model.diverges(*flat).reshape(states.shape[:2]).any(axis=1).argmax()
             raise FloatingPointError(

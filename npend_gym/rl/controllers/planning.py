@@ -322,7 +322,7 @@ def replanned(
 
 def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> PlannedTransition:
     """Return the controller that tracks `nominal`, which begins and ends in equilibria."""
-    a, b = StepModel(config).derivatives(nominal.states[:-1], nominal.actions, rub=False)
+    a, b = StepModel(config).derivatives(nominal.states[:-1], nominal.actions)
     (start, begin), (goal, place) = (_rest_of(config, nominal.states[k]) for k in (0, -1))
     joints, costs = b.shape[2], np.empty((len(a) + 1, *a.shape[1:]))
     gains, hessians = np.empty((len(a), joints, a.shape[2])), np.empty((len(a), joints, joints))

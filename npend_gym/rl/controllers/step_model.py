@@ -13,7 +13,6 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.rl.angles import wrap
@@ -163,8 +162,7 @@ class StepModel:
 
     def __init__(self, config: EnvConfig) -> None:
         self.config = config
-        # by the number of states, and whether joints have dry friction
-        self._ensembles: dict[tuple[int, bool], DifferentiableEnsemble] = {}
+        self._ensembles: dict[int, DifferentiableEnsemble] = {}  # by the number of states
 
     def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
         """Return the states, (B, 2c), after a step from `states` under `actions`, (B, joints)."""
@@ -177,16 +175,12 @@ class StepModel:
         ensemble.advance(torque, self.config.dt, self.config.substeps, force=force)
         return states_of(self.config, ensemble)
 
-    def derivatives(
-        self, states: FloatArray, actions: FloatArray, *, rub: bool = True
-    ) -> tuple[FloatArray, FloatArray]:
+    def derivatives(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives of the steps from `states`, (B, 2c), under `actions`.
 
-        By state, (B, 2c, 2c), and by action, (B, 2c, joints). The exact ones take dry friction near
-        rest for the damper friction / friction_speed, which holds for changes of speed far below
-        `friction_speed` alone: feedback needs `rub=False`, without friction.
+        By state, (B, 2c, 2c), and by action, (B, 2c, joints).
         """
-        ensemble, (torque, force) = self._begin(states, rub=rub), loads_of(self.config, actions)
+        ensemble, (torque, force) = self._begin(states), loads_of(self.config, actions)
         step = ensemble.step_jacobian(torque, self.config.dt, self.config.substeps, force=force)
         return step.A, of_actions(self.config, step.B)
 
@@ -195,19 +189,16 @@ class StepModel:
         self(states, actions)
         return self._ensemble(len(states)).diverged
 
-    def _begin(self, states: FloatArray, *, rub: bool = True) -> DifferentiableEnsemble:
+    def _begin(self, states: FloatArray) -> DifferentiableEnsemble:
         """Return the ensemble in these states, one lane for each."""
-        ensemble = self._ensemble(len(states), rub=rub)
+        ensemble = self._ensemble(len(states))
         set_states(self.config, ensemble, slice(None), states)
         return ensemble
 
-    def _ensemble(self, count: int, *, rub: bool = True) -> DifferentiableEnsemble:
-        chain, joints = self.config.chain, motors(self.config)
-        key = count, rub or not np.any(chain.friction)
-        if key not in self._ensembles:
+    def _ensemble(self, count: int) -> DifferentiableEnsemble:
+        if count not in self._ensembles:
             if len(self._ensembles) == _MAX_ENSEMBLES:
                 self._ensembles.pop(next(iter(self._ensembles)))
-            if not key[1]:
-                chain = Chain.from_dict(chain.as_dict() | {"friction": 0.0})
-            self._ensembles[key] = DifferentiableEnsemble(chain, count, joints=joints)
-        return self._ensembles[key]
+            chain, joints = self.config.chain, motors(self.config)
+            self._ensembles[count] = DifferentiableEnsemble(chain, count, joints=joints)
+        return self._ensembles[count]

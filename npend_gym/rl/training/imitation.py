@@ -102,7 +102,6 @@ class DAgger:
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
         self.failed: FloatArray = np.ones(len(expert.pairs))  # share of the episodes, lately
         self.updates: int = 0  # so far
-        self.expert_success: float = math.nan  # share of the episodes in which it alone acted
         self.distance = math.inf  # of the learner's actions from the expert's, in `learn`
 
     @torch.no_grad()
@@ -150,10 +149,9 @@ class DAgger:
             observation, reward, terminated, info = lanes.step(action)
             returns += np.where(lasts, reward, 0.0)
             lasts &= ~terminated
-        success = info["success"] & lasts  # else it is that of a later episode
         if round_ == 0:
-            self.expert_success = round(float(success.mean()), 4)
             return {}
+        success = info["success"] & lasts  # else it is that of a later episode
         lanes.judge(np.flatnonzero(by_student), success[by_student])
         if drawn.size > 0:
             self.count(drawn[by_student], success[by_student])
@@ -309,16 +307,10 @@ def train(
     config = EnvConfig(**known)
     if checkpoint.saved is None:
         dagger, guess, tried = begin(settings, config)
-        expert_success = dagger.expert_success
     else:  # the others have been tried
-        guess, tried, expert_success = checkpoint.saved["parts"]["choice"]
+        guess, tried = checkpoint.saved["parts"]["choice"]
         dagger = DAgger(settings, cast("Expert", expert_of(settings, config, guess)))
-    parts = {
-        "dagger": dagger,
-        "choice": [guess, tried, expert_success],
-        "curve": curve,
-        "clock": clock,
-    }
+    parts = {"dagger": dagger, "choice": [guess, tried], "curve": curve, "clock": clock}
     for round_ in checkpoint.rounds(parts, settings.rounds, progress, "rounds", first=2):
         score = dagger.play(round_)
         dagger.learn(settings.updates)
@@ -326,7 +318,6 @@ def train(
             dagger.lanes.grow()
         steps = (2 * (tried - 1) + round_ + 1) * dagger.episode_steps * settings.num_envs
         counts = {"steps": steps, "seconds": round(clock.seconds, 2)}
-        expert = {"expert_success": expert_success, "distance": round(dagger.distance, 4)}
-        curve.append(counts | score | expert)
+        curve.append(counts | score | {"distance": round(dagger.distance, 4)})
     dagger.lanes.close()
     return dagger.policy(curve[-1]), curve
