@@ -105,7 +105,7 @@ def test_a_regulator_keeps_its_angles_where_the_callers_array_changes():
 
 def test_the_regulators_cost_is_the_cost_of_the_linear_system():
     config = EnvConfig(n=2, mode="balance")
-    gain, cost = regulators.riccati(config, np.pi, action_weight=2.0)
+    gain, cost, _ = regulators.riccati(config, np.pi, action_weight=2.0)
     a, b = regulators.discretise(config, np.pi)
     x = np.array([0.1, -0.2, 0.3, 0.1])
     expected, total = x @ cost @ x, 0.0

@@ -50,7 +50,7 @@ def test_lqr_takes_dry_friction_so_that_it_balances_from_farther_away(monkeypatc
     regulator = regulators.lqr(config)
     assert balanced(regulator, 0.02) >= 95
     # instead as the damper that it is at rest, in all joints
-    monkeypatch.setattr(regulators, "_with_dampers", lambda config, _: config.chain)
+    monkeypatch.setattr(regulators, "softened", lambda config, _: config.chain)
     assert balanced(regulator, 0.05) >= balanced(regulators.lqr(config), 0.05) + 30
 
 

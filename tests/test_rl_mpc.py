@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from npend_gym import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import MPC, evaluate, lqr
 from npend_gym.rl.controllers.ilqr import ILQR, Cost, _bounded_minimum
@@ -81,6 +82,18 @@ def test_it_swings_up_in_held_out_episodes(settled, keywords):
     evaluation = evaluate(controller, keywords | {"max_episode_steps": steps}, episodes=4)
     assert evaluation.success_rate == 1.0
     assert (evaluation.settling_time - 5.0).max() < settled  # success is 5 s upright
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("noise", [0.0, 0.05])  # N m, of 2
+def test_it_swings_up_a_chain_with_dry_friction_under_noise_of_the_torque(noise):
+    keywords = {
+        "chain": Chain.rods([0.3, 0.3], [0.3, 0.3], friction=[0.029, 0.0058]),
+        "mode": "swingup", "max_torque": 2.0, "dt": 0.02,
+    }  # fmt: skip
+    controller = MPC(EnvConfig(**keywords))
+    noisy = keywords | {"torque_noise": noise, "max_episode_steps": 500}
+    assert evaluate(controller, noisy, episodes=8).success_rate == 1.0
 
 
 @pytest.mark.long

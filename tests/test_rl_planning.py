@@ -7,8 +7,9 @@ import pytest
 from npend_gym import Cart, Chain, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import evaluate, planned_swing_up, planned_transition
-from npend_gym.rl.controllers.planning import mpc_motions
+from npend_gym.rl.controllers.planning import mpc_motions, track
 from npend_gym.rl.controllers.references import reference_controller
+from npend_gym.rl.controllers.regulators import softened
 from npend_gym.rl.controllers.step_model import StepModel, state_of
 from npend_gym.rl.controllers.transcription import MAX_ACTION, MAX_PLACE, Transcription
 
@@ -279,3 +280,88 @@ def test_progress_wraps_the_iteration_over_the_guesses():
 
     planned_swing_up(EnvConfig(n=1, mode="swingup"), seconds=3.0, tries=2, progress=count)
     assert counted == [0, 1]
+
+
+# Friction at rest grows with speed as a damper of 0.58 N m s/rad does
+RUBBING = {
+    "chain": Chain.rods([0.3, 0.3], [0.3, 0.3], friction=[0.029, 0.0058]),
+    "mode": "swingup", "max_torque": 2.0, "dt": 0.02,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_friction_for_feedback_predicts_a_step_from_rest_to_the_speed_of_a_swing(joint):
+    config = EnvConfig(**RUBBING)
+    chain, rest, idle = config.chain, np.zeros((1, 4)), np.zeros((1, 1))
+    speed = 0.03 * np.sqrt(chain.gravity / 0.3)  # of a swing of 0.03 rad
+    push = np.zeros((1, 4))
+    push[:, 2 + joint :] = speed  # this joint alone turns
+    reached, free = (
+        simulate(each, *np.split(push[0], 2), [0.0, config.dt]).omega[1]
+        for each in (chain, Chain.from_dict(chain.as_dict() | {"friction": 0.0}))
+    )
+    errors = [
+        np.abs(StepModel(config, each).derivatives(rest, idle)[0][0, 2:] @ push[0] - reached).max()
+        for each in (softened(config), chain)
+    ]
+    braked = np.abs(reached - free).max()  # by friction
+    assert errors[0] < 0.3 * braked
+    assert errors[1] > braked
+
+
+def test_gains_near_the_end_of_a_plan_are_nearly_those_without_the_friction_of_its_motor():
+    chain = RUBBING["chain"]
+    configs = [
+        EnvConfig(**RUBBING | {"chain": Chain.from_dict(chain.as_dict() | {"friction": friction})})
+        for friction in (chain.friction.tolist(), 0.0)
+    ]
+    plan = planned_swing_up(configs[0], 3.0, tries=1)
+    own, free = (track(config, plan.nominal, 0.0).gains for config in configs)
+    np.testing.assert_allclose(own, free, atol=0.01 * np.abs(free).max())
+
+
+class Encoders:
+    """A controller that is given angles of 2048 counts, and velocities from their differences."""
+
+    def __init__(self, controller, dt):
+        self.controller, self.dt, self.last = controller, dt, None
+
+    def __call__(self, observation, info):
+        """Return the actions."""
+        theta = np.rint(info["theta"] / (2 * np.pi / 2048)) * (2 * np.pi / 2048)
+        omega = 0.0 * theta if self.last is None else (theta - self.last) / self.dt
+        self.last = theta
+        return self.controller(observation, info | {"theta": theta, "omega": omega})
+
+
+ROBOT = {"chain": "realaigym C.1", "mode": "swingup", "max_torque": 6.0, "dt": 0.02}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("changes", "seconds"),
+    [
+        ({}, 3.0),
+        (
+            {"chain": Chain.rods([0.3] * 3, [0.3] * 3, friction=[0.029, 0.0058, 0.0058]),
+             "max_torque": 3.0},
+            4.0,
+        ),
+        ({"chain": Chain.rods([0.3] * 2, [0.3] * 2, friction=[0.0058, 0.029]), "actuated": (1,)},
+         3.0),
+        ({"chain": Chain.rods([0.3] * 2, [0.3] * 2, friction=[0.029, 0.0058], armature=0.002,
+                              gear=[6.0, -6.0])}, 3.0),
+        (ROBOT | {"actuated": (0,)}, 3.0),
+        (ROBOT | {"actuated": (1,)}, 3.0),
+    ],
+)  # fmt: skip
+def test_a_plan_for_a_chain_with_dry_friction_swings_up_under_noise_of_the_torque(changes, seconds):
+    keywords = RUBBING | changes
+    plan = planned_swing_up(EnvConfig(**keywords), seconds)
+    keywords["max_episode_steps"] = round((seconds + 8.0) / keywords["dt"])
+    for noise in (0.025, 0.01, 0.005, 0.0):
+        noisy = keywords | {"torque_noise": noise * keywords["max_torque"]}
+        assert evaluate(plan, noisy, episodes=100).success_rate >= 0.95
+    if not changes:
+        sensed = Encoders(plan, keywords["dt"])
+        assert evaluate(sensed, noisy, episodes=100).success_rate >= 0.95

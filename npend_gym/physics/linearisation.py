@@ -110,9 +110,10 @@ def linearise(
     -----
     The derivatives are exact, and so at rest dry friction is the damper friction / friction_speed:
     0.2 N m s/rad for 0.01 N m. It is that strong only where joints turn more slowly than
-    `friction_speed`; a regulator designed with it may have gains of the wrong sign for any faster
-    motion. Linearise the chain without friction, ``Chain.from_dict(chain.as_dict() | {"friction":
-    0.0})``, or use `npend_gym.rl.lqr`, which weighs friction by the swing that it must catch.
+    `friction_speed`. A regulator designed with it may have gains of the wrong sign for any faster
+    motion. For feedback, raise `friction_speed` to the speeds that noise and a step reach,
+    ``Chain.from_dict(chain.as_dict() | {"friction_speed": 0.2})``, or leave out friction. The
+    controllers of `npend_gym.rl` do so.
 
     Examples
     --------
@@ -153,6 +154,8 @@ def step_jacobian(
     **more: Unpack[StateKeywords],
 ) -> Linearisation:
     """Return the derivatives of the states after a step by those before it and by torques.
+
+    They are exact. See `linearise` for dry friction near rest.
 
     Parameters
     ----------

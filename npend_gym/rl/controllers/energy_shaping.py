@@ -108,6 +108,6 @@ def energy_swing_up(
         )
     pump_gain = _checks.positive_number("pump_gain", pump_gain)
     catch_cost = _checks.nonnegative_number("catch_cost", catch_cost)
-    gain, cost = riccati(config, np.pi, action_weight=1.0)
+    gain, cost, _ = riccati(config, np.pi, action_weight=1.0)
     balance = StateFeedback(config, np.pi, gain, checked_place(config, cart_position))
     return EnergySwingUp(balance, cost, pump_gain, catch_cost)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers.regulators import state_weights
+from npend_gym.rl.controllers.regulators import softened, state_weights
 from npend_gym.rl.controllers.step_model import StepModel, beyond
 
 _STEP_LENGTHS = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
@@ -98,10 +98,13 @@ def concatenated(parts: Sequence[Motions]) -> Motions:
 
 
 class ILQR:
-    """Motions over a horizon that are improved step by step."""
+    """Motions over a horizon that are improved step by step.
+
+    Dry friction is that of `softened`, in motions and derivatives alike, so that these agree.
+    """
 
     def __init__(self, cost: Cost) -> None:
-        self.model: StepModel = StepModel(cost.config)
+        self.model: StepModel = StepModel(cost.config, softened(cost.config))
         self.cost: Cost = cost
 
     def begin(

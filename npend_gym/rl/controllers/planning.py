@@ -22,7 +22,7 @@ from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.envs.modes import Balance, Calm
 from npend_gym.rl.controllers.feedback import StateFeedback
 from npend_gym.rl.controllers.mpc import MPC
-from npend_gym.rl.controllers.regulators import riccati, state_weights
+from npend_gym.rl.controllers.regulators import riccati, softened, state_weights
 from npend_gym.rl.controllers.step_model import (
     StepModel,
     check_config,
@@ -167,7 +167,8 @@ def planned_transition(
     ----------
     config : EnvConfig
         Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The trajectory
-        is made of its own steps.
+        is made of its own steps, with dry friction. The gains take friction as `lqr` does about the
+        goal.
     start, goal : float or array_like, shape (n,)
         Two different equilibria: 0 for a rod that hangs, pi for one that stands [rad]. They may be
         the same where a cart moves.
@@ -321,12 +322,17 @@ def replanned(
 
 
 def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> PlannedTransition:
-    """Return the controller that tracks `nominal`, which begins and ends in equilibria."""
-    a, b = StepModel(config).derivatives(nominal.states[:-1], nominal.actions)
+    """Return the controller that tracks `nominal`, which begins and ends in equilibria.
+
+    The trajectory has the chain's own dry friction. Feedback takes friction as `lqr` does about the
+    goal.
+    """
     (start, begin), (goal, place) = (_rest_of(config, nominal.states[k]) for k in (0, -1))
+    at_goal, s, rub = riccati(config, goal, 1.0)
+    model = StepModel(config, softened(config, rub))
+    a, b = model.derivatives(nominal.states[:-1], nominal.actions)
     joints, costs = b.shape[2], np.empty((len(a) + 1, *a.shape[1:]))
     gains, hessians = np.empty((len(a), joints, a.shape[2])), np.empty((len(a), joints, joints))
-    at_goal, s = riccati(config, goal, 1.0)
     costs[-1] = s
     for k in reversed(range(len(a))):
         hessians[k] = np.eye(joints) + b[k].T @ s @ b[k]
@@ -335,7 +341,7 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
         s = costs[k] = 0.5 * (s + s.T)
     return PlannedTransition(
         nominal, gains, costs, np.diagonal(hessians, axis1=1, axis2=2),
-        StateFeedback(config, start, riccati(config, start, 1.0)[0], begin),
+        StateFeedback(config, start, riccati(config, start, 1.0).gain, begin),
         StateFeedback(config, goal, at_goal, place), settle,
     )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from npend_gym.physics import linearise
 from npend_gym.rl.controllers.feedback import StateFeedback, state_names
 from npend_gym.rl.controllers.step_model import check_config, checked_place, motors
 
-_SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
+_SWING = 0.03  # rad, below whose speed dry friction fades for feedback
 _OF_CART = 4.0  # weight of the square of the cart's place over the rail
 _ROUNDING = 1e-12  # of weights that are given, over the largest
 _RIGHT, _WRONG = 1e-6, 1e-3  # residuals of Riccati's equation, over its solution
@@ -31,29 +31,35 @@ def discretise(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the linear map of one environment step about rest at `angle` [rad], (n,) or for all.
 
-    Dry friction is taken as the damper that brakes as much in a swing of 0.03 rad; its slope at
-    rest holds for far slower motions alone. `rub`, for all joints or for each, (n,), says which
-    have friction at all.
+    Dry friction is that of `softened`: at rest the damper that brakes as much in a swing of 0.03
+    rad. `rub`, for all joints or for each, (n,), says which have friction at all.
 
     Returned are the derivatives of the next state (q, u) by the state, (2c, 2c), and by the
     actions, (2c, joints), which are held during the step.
     """
     size, inputs = config.state_size, config.joints.size
-    rates = linearise(_with_dampers(config, rub), angle, joints=config.joints.tolist())
+    rates = linearise(softened(config, rub), angle, joints=config.joints.tolist())
     block = np.zeros((size + inputs,) * 2)  # exp(dt [[A, B], [0, 0]]) has both matrices
     block[:size] = np.hstack([rates.A, rates.B * config.action_limits])
     step: FloatArray = np.asarray(expm(block * config.dt))
     return step[:size, :size], step[:size, size:]
 
 
-def _with_dampers(config: EnvConfig, rub: bool | BoolArray) -> Chain:
-    """Return the chain with dampers in place of dry friction, see `discretise`."""
+def softened(config: EnvConfig, rub: bool | BoolArray = True) -> Chain:
+    """Return the chain whose derivatives hold for motions as fast as a swing of 0.03 rad.
+
+    Dry friction at rest grows with speed as a strong damper does, but only up to `friction_speed`.
+    Noise and a step's motion are faster. With gains for such a damper a motor drives a joint as if
+    something held it. In the chain that is returned, friction fades below the speed of that swing.
+    `rub` says which joints have friction at all, for all joints or for each, (n,).
+    """
     chain = config.chain
     if not np.any(chain.friction):
         return chain
-    dampers = chain.friction / np.hypot(chain.friction_speed, _SWING / time_scale(config))
-    damping = (chain.damping + np.where(rub, dampers, 0.0)).tolist()
-    return Chain.from_dict(chain.as_dict() | {"friction": 0.0, "damping": damping})
+    speed = np.hypot(chain.friction_speed, _SWING / time_scale(config))
+    friction = np.where(rub, chain.friction, 0.0)
+    changes = {"friction": friction.tolist(), "friction_speed": speed.tolist()}
+    return Chain.from_dict(chain.as_dict() | changes)
 
 
 def lqr(
@@ -71,11 +77,11 @@ def lqr(
     rods, plus `action_weight` times the squared actions; l is the mean length of the rods. A cart
     adds 4 (position^2 + (l / g) velocity^2) / rail^2, with the position from `cart_position`.
 
-    Dry friction is no linear force. In joints with a motor it is left out. In the others it is left
-    out, or is the damper of a swing of 0.03 rad, see `discretise`: whichever has the smaller gains,
-    so that the motor reaches its limit at larger deviations. Strong friction holds a passive joint
-    still and is best taken as a damper. Weak friction is best left out. Between them the gains with
-    a damper become infinite.
+    Dry friction is no linear force. In joints with a motor it is left out. In the others it fades
+    below the speed of a swing of 0.03 rad, and so acts at rest as a damper; or it is left out. The
+    choice is whichever has the smaller gains, so that the motor reaches its limit at larger
+    deviations. Strong friction holds a passive joint still and is best taken as a damper. Weak
+    friction is best left out. Between them the gains with a damper become infinite.
 
     Parameters
     ----------
@@ -121,7 +127,7 @@ def lqr(
         weight = _weights("R", R, config.joints.size, "an action of config.joints", definite=True)
     states = f"each of {state_names(config)}"
     q = None if Q is None else _weights("Q", Q, config.state_size, states)
-    gain = riccati(config, angle, weight, q)[0]
+    gain = riccati(config, angle, weight, q).gain
     return StateFeedback(config, _checks.array("angle", angle), gain, place)  # a copy
 
 
@@ -153,13 +159,21 @@ def _weights(
     return weights
 
 
+class Riccati(NamedTuple):
+    """What solves Riccati's equation, for feedback about rest."""
+
+    gain: FloatArray  # (joints, 2c), of `lqr`
+    cost: FloatArray  # (2c, 2c): S, the cost from x on is x S x
+    rub: BoolArray  # (n,): in which joints dry friction is not left out, see `softened`
+
+
 def riccati(
     config: EnvConfig,
     angle: float | FloatArray,
     action_weight: float | FloatArray,
     q: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the gain of `lqr`, (joints, 2c), and S, (2c, 2c): the cost from x on is x S x.
+) -> Riccati:
+    """Return the gain of `lqr`, the cost, and how dry friction is taken.
 
     `action_weight` is a number, or a matrix (joints, joints); q are other weights than those of
     `lqr`, (2c, 2c).
@@ -171,15 +185,15 @@ def riccati(
     q, r = usual if q is None else q, np.asarray(action_weight)
     r = r if r.ndim == 2 else r * np.eye(config.joints.size)
     rubbing = (passive, free) if np.any(config.chain.friction[passive]) else (free,)
-    systems = [discretise(config, angle, rub=rub) for rub in rubbing]
-    solutions: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    systems = [(rub, *discretise(config, angle, rub=rub)) for rub in rubbing]
+    solutions: list[tuple[Riccati, FloatArray]] = []
     try:
-        for a, b in systems:
+        for rub, a, b in systems:
             gain, s = _solution(a, b, q, r)
-            solutions.append((gain, s, a - b @ gain))
+            solutions.append((Riccati(gain, s, rub), a - b @ gain))
         # (l / g) omega^2 weighs like an angle
-        gain, s, closed_loop = min(
-            solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(usual))))
+        found, closed_loop = min(
+            solutions, key=lambda one: float(np.linalg.norm(one[0].gain / np.sqrt(np.diag(usual))))
         )
         growth = float(np.abs(np.linalg.eigvals(closed_loop)).max())
         if growth >= 1.0:
@@ -192,7 +206,7 @@ def riccati(
             f"motors at joints {config.joints.tolist()}; got: {error}. Make the environment with "
             f"fewer rods, more motors, a smaller dt, or a larger max_torque or max_force{own}"
         ) from error
-    return gain, s
+    return found
 
 
 def _solution(

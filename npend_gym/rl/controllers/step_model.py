@@ -13,6 +13,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.rl.angles import wrap
@@ -157,11 +158,13 @@ def states_of(config: EnvConfig, ensemble: Ensemble) -> FloatArray:
 class StepModel:
     """Steps of the environment from any states (q, u), all side by side.
 
-    Actions are torques and forces divided by their limits.
+    Actions are torques and forces divided by their limits. `chain` moves in place of that of the
+    environment.
     """
 
-    def __init__(self, config: EnvConfig) -> None:
+    def __init__(self, config: EnvConfig, chain: Chain | None = None) -> None:
         self.config = config
+        self.chain: Chain = config.chain if chain is None else chain
         self._ensembles: dict[int, DifferentiableEnsemble] = {}  # by the number of states
 
     def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
@@ -199,6 +202,6 @@ class StepModel:
         if count not in self._ensembles:
             if len(self._ensembles) == _MAX_ENSEMBLES:
                 self._ensembles.pop(next(iter(self._ensembles)))
-            chain, joints = self.config.chain, motors(self.config)
-            self._ensembles[count] = DifferentiableEnsemble(chain, count, joints=joints)
+            joints = motors(self.config)
+            self._ensembles[count] = DifferentiableEnsemble(self.chain, count, joints=joints)
         return self._ensembles[count]
