@@ -21,11 +21,11 @@ from npend_gym.rl.training.tasks import env_of_task
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """The folder into which a command has trained swingup-1, for a very short time."""
+    """The folder into which a command has trained swingup-1, too short a time for success."""
     pytest.importorskip("torch")
     out = tmp_path_factory.mktemp("trained")
     arguments = ["--seed", "3", "--set", "total_timesteps=960", "--env", "spread=0.001"]
-    assert main(["train", "swingup-1", *arguments, "--out", str(out)]) == 0
+    assert main(["train", "swingup-1", *arguments, "--out", str(out)]) == 1
     return out
 
 

@@ -206,6 +206,19 @@ def test_the_curve_tells_the_first_of_several_episodes_as_evaluate_does():
     assert judged.returns.mean() == pytest.approx(curve[-1]["return"], rel=0.2)
 
 
+def test_an_expert_that_loses_every_chain_is_an_error(monkeypatch):
+    dagger = dagger_of()
+    own = dagger.expert.tracking
+
+    def reversed_(info):
+        tracking = own(info)
+        return tracking._replace(actions=-tracking.actions)
+
+    monkeypatch.setattr(dagger.expert, "tracking", reversed_)
+    with pytest.raises(RuntimeError, match="the expert must follow its own plan, but loses"):
+        dagger.play(0)
+
+
 @pytest.mark.parametrize("changes", [{"kept": 1e-9}, {"lost": 1e-30}])
 def test_a_round_of_which_nothing_is_kept_is_refused_by_the_settings_that_keep(changes):
     settings = imitation.settings_of("balance-1", rounds=2, num_envs=4, guesses=1, **changes)

@@ -312,8 +312,10 @@ def test_a_trainer_of_another_package_is_found_by_its_entry_point(tmp_path, monk
     assert trainer_names() == ["shac", "imitation", "mine"]
     out = tmp_path / "out"
     command = ["train", "balance-1", "--algorithm", "mine", "--set", "rounds=2", "--out", str(out)]
-    assert main(command) == 0
-    assert "balance-1 by mine, 2 steps" in capsys.readouterr().out
+    assert main(command) == 1  # it does not balance
+    told = capsys.readouterr()
+    assert "balance-1 by mine, 2 steps" in told.out
+    assert "the training failed: the policy succeeds in 0% of 100 episodes" in told.err
     policy = Policy.load(out / "balance-1.safetensors")
     assert policy.weights[0].tolist() == [[-3.0, 0.0, 0.0]]
     with pytest.raises(ValueError, match=r"algorithm must be one of shac, imitation, mine"):

@@ -2,9 +2,10 @@ r"""Train a policy for a task, by one of several algorithms.
 
 TASK is a mode and a number of rods, such as swingup-2, balance-3, calm-5 or swingup-1-robust. The
 command evaluates the policy in 100 held-out episodes, and writes OUT/TASK.safetensors and the
-learning curve OUT/TASK.csv. On one machine the same seed gives the same policy, with any number of
-threads. A run keeps OUT/TASK.checkpoint: with --resume an interrupted run continues from it and
-ends with the same policy. Needs the extra "rl".
+learning curve OUT/TASK.csv. If fewer than 10 episodes succeed, it writes both and exits with code
+1. On one machine the same seed gives the same policy, with any number of threads. A run keeps
+OUT/TASK.checkpoint: with --resume an interrupted run continues from it and ends with the same
+policy. Needs the extra "rl".
 
 Examples
 --------
@@ -25,7 +26,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import OK, printable, show_written, warn
+from npend_gym.cli.common import FAILED, OK, printable, show_written, warn
 from npend_gym.cli.evaluate import refuse_said
 
 FILLS = {"npend_gym.cli.evaluate:run": ("env",)}
@@ -71,7 +72,7 @@ def run(
     from npend_gym.report.robustness_report import evaluation_text
     from npend_gym.rl import evaluate
     from npend_gym.rl.training.checkpoints import Checkpoint
-    from npend_gym.rl.training.tasks import env_around
+    from npend_gym.rl.training.tasks import env_around, failure_of
     from npend_gym.rl.training.trainers import trainer
 
     algorithm = _algorithm(task, algorithm)
@@ -116,6 +117,9 @@ def run(
     print(f"{printable(str(task))} by {algorithm}, {curve[-1]['steps']} steps")
     print(evaluation_text(row))
     show_written(written, figures=False)
+    if failure := failure_of(row):
+        warn(failure)
+        return FAILED
     return OK
 
 

@@ -150,6 +150,12 @@ class DAgger:
             returns += np.where(lasts, reward, 0.0)
             lasts &= ~terminated
         if round_ == 0:
+            if self.dataset.size > 0 and not known.any():  # else `learn` says what keeps nothing
+                raise RuntimeError(
+                    "the expert must follow its own plan, but loses the chain in every environment,"
+                    " so nothing can be learned from it: give it another plan_seed, more seconds, "
+                    "or less noise_std, or a larger torque limit"
+                )
             return {}
         success = info["success"] & lasts  # else it is that of a later episode
         lanes.judge(np.flatnonzero(by_student), success[by_student])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from npend_gym.envs import EnvConfig
 
 Curve = list[dict[str, Any]]  # the learning curve, a row for every few updates
+LEAST_SUCCESS = 0.1  # of the episodes that judge a policy; below it the training has failed
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,18 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         training_seed(self.seed)
+
+
+def failure_of(row: Mapping[str, Any]) -> str:
+    """Return why a training has failed whose policy has this `Evaluation.as_row`, or nothing."""
+    success = row["success"]
+    if success is None or not success < LEAST_SUCCESS:  # a mode may know no success
+        return ""
+    return (
+        f"the training failed: the policy succeeds in {success:.0%} of {row['episodes']} episodes, "
+        f"fewer than {LEAST_SUCCESS:.0%}. Train longer, or with another --seed or --algorithm, or "
+        "see by npend evaluate --controller plan whether the motor suffices"
+    )
 
 
 def check_settings(settings: TrainingSettings, below_one: Sequence[str] = ()) -> None:
