@@ -85,6 +85,7 @@ KEYWORDS = {
     "reward_type": one_of("dense", "sparse"),
     "goal_env": one_of(False, True),
     "amplitude": one_of(0.0, -0.4, 2.5),
+    "max_tilt": one_of(None, 0.4, 1.5),
     "spread": one_of(None, 0.0, 0.3),
     "randomize": lambda n: st.fixed_dictionaries({}, optional={k: s(n) for k, s in DRAWN.items()}),
     "observe_context": one_of(False, True),

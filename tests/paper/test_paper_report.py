@@ -239,4 +239,4 @@ def test_the_readme_counts_what_the_document_counts():
 def test_a_redirected_audit_tells_how_far_it_is(capsys, monkeypatch):
     monkeypatch.setattr(_progress, "SECONDS", 0.0)
     assert main(["--only", "history,e-at-5"]) == 0
-    assert capsys.readouterr().err == "finding 1 of 2\n"
+    assert capsys.readouterr().err == "1 of 2 findings\n"
