@@ -26,6 +26,7 @@ from typing import Any
 
 from npend_gym import _files
 from npend_gym.compiled.machine_code import read_code
+from npend_gym.compiled.native import compiler
 from npend_gym.compiled.sources import PACKAGE, cache_folder
 
 _TRIPLE = "wasm32-unknown-unknown"
@@ -115,6 +116,7 @@ def write_module(named: str, out: str) -> None:
 def _compiled_here(kernels: Mapping[Callable[..., Any], str]) -> bytes:
     """Compile the kernels together."""
     llvm: Any = import_module("llvmlite.binding")
+    compiler()  # with which Numba knows views of arrays, and packs
     if not hasattr(llvm, "create_pass_builder"):
         raise RuntimeError("compiling for WebAssembly needs Numba 0.62 or newer")
     llvm.initialize_all_targets()
