@@ -5,27 +5,6 @@ import env_composition
 import pytest
 from matrices import REFERENCE
 
-from npend_gym.physics import drives
-from npend_gym.physics.functions import callback_of
-
-
-@pytest.fixture(scope="module", autouse=True)
-def functions_compiled_once():
-    """A function is compiled once for each mechanism that it drives; the rows share it."""
-    made = {}
-
-    def kept(functions, fixed, *, scalar):
-        key = *functions.items(), fixed.tobytes(), scalar
-        callback = made.get(key) or callback_of(functions, fixed, scalar=scalar)
-        if callback.compiled:
-            made[key] = callback
-        return callback
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drives, "callback_of", kept)
-        yield
-
-
 MATRICES = {"mechanisms": composition.MATRIX, "environments": env_composition.MATRIX}
 LONG = [(name, row) for name, matrix in MATRICES.items() for row in matrix.rows]
 # Kinds with the most features. An ability is tried with these and one of the others in turn;

@@ -40,8 +40,9 @@ class Callback:
         ``writer(t, q, u, out)`` writes into `out`, shape (n + entries,).
     entries : int
         How much longer than n it is.
-    compiled : bool
-        Whether `writer` was made by Numba's ``njit``; otherwise Python is entered at every call.
+    broken : int, optional
+        Where the machine code of `writer`, made by Numba's ``njit``, always writes: NaN stands
+        there after an exception. By default Python is entered at every call.
 
     Attributes
     ----------
@@ -55,18 +56,19 @@ class Callback:
         What a function in Python raised; it then wrote NaN, and so does one in machine code.
     """
 
-    def __init__(self, writer: Any, entries: int, *, compiled: bool) -> None:
+    def __init__(self, writer: Any, entries: int, broken: int | None = None) -> None:
         self.failure: BaseException | None = None
         self.stopped = False
-        self.compiled: bool = compiled
+        self.compiled: bool = broken is not None
         self._writer = writer
         self._entries = entries
         # kept alive as long as its address is used
-        self._function: Any = _in_c(writer, entries) if compiled else _IN_C(self._in_python)
-        if compiled:
-            self.address = int(self._function.address)
+        if broken is not None:
+            self._function: Any = _in_c(writer, entries, broken)
+            self.address: int = int(self._function.address)
         else:
-            self.address: int = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
+            self._function = _IN_C(self._in_python)
+            self.address = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
 
     def _in_python(self, t: float, q: Any, u: Any, out: Any, m: int, n: int) -> None:
         values = np.ctypeslib.as_array(out, (n + self._entries,))
@@ -129,7 +131,7 @@ def _assigns_outside(code: Any) -> bool:
     )
 
 
-def _in_c(writer: Any, entries: int) -> Any:
+def _in_c(writer: Any, entries: int, broken: int) -> Any:
     """Return a writer of machine code as a function that C can call."""
     from numba import carray, cfunc, types
 
@@ -142,7 +144,7 @@ def _in_c(writer: Any, entries: int) -> Any:
         try:
             writer(t, carray(q, (m,)), carray(u, (m,)), values)
         except Exception:  # noqa: BLE001 - told from NaN where the kernel returns
-            values[:] = np.nan
+            values[broken] = np.nan
 
     return in_c
 

@@ -68,10 +68,11 @@ class Drives:
         """
         scalar = self.check_functions(t, q, u)
         if self.varying and not any(isinstance(each, Signal) for each in self.varying.values()):
-            kept, key = {} if kept is None else kept, (self.fixed.tobytes(), scalar)
-            self._callback = kept.get(key) or callback_of(self.varying, self.fixed, scalar=scalar)
-            if self._callback.compiled:  # one in Python keeps what it raised
-                kept[key] = self._callback
+            kept = {} if kept is None else kept
+            made = kept.get(scalar) or callback_of(self.varying, self.fixed, scalar=scalar)
+            if made.compiled:  # one in Python keeps what it raised
+                kept[scalar] = made
+            self._callback = made
 
     def check_functions(self, t: float, q: FloatArray, u: FloatArray) -> bool:
         """Refuse what functions return if it breaks their rules; return if the torque is one."""

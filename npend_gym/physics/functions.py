@@ -7,7 +7,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+import threading
+from collections import OrderedDict
+from collections.abc import Hashable, Mapping
 from functools import partial
 from typing import Any, cast
 
@@ -16,9 +18,13 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import Callback, Writer, compiled_if_possible
+from npend_gym.compiled.identity import identity_of
 from npend_gym.physics.kernels.driven import ACROSS, AFTER_TORQUES, FORCE, UP
 
 NAMES = ("torque", "force", "pivot_acceleration")  # in the order of what kernels are given
+_MOST_KEPT = 128
+_KEPT: OrderedDict[Hashable, Callback | None] = OrderedDict()  # None where Numba compiles nothing
+_LOCK = threading.Lock()
 
 
 def takes_time_alone(function: Any) -> bool:
@@ -65,14 +71,47 @@ def callback_of(functions: Mapping[str, Any], fixed: FloatArray, *, scalar: bool
     functions : mapping of str to function
         By NAMES: of (t, theta, omega), or of t alone.
     fixed : ndarray, shape (n + AFTER_TORQUES,)
-        What stands where there is no function.
+        What stands where there is no function; machine code leaves it as it was.
     scalar : bool
         Whether the torque is one number, on joint 0.
+
+    Notes
+    -----
+    Machine code of functions that compute the same is made once in a process, see `identity_of`,
+    and that Numba cannot make it is found out once.
     """
     build = partial(_writer_of, fixed=fixed, scalar=scalar)
+    each = [(name, takes_time_alone(function), identity_of(function))
+            for name, function in functions.items()]  # fmt: skip
+    whole = all(identity.whole for _, _, identity in each)
+    key = fixed.size, scalar, *((name, alone, identity.key) for name, alone, identity in each)
+    known, made = _known(key)
+    if known and (made is None or whole):
+        return made or Callback(build(functions, _itself), AFTER_TORQUES)
     writer = compiled_if_possible(functions, build)
-    called = build(functions, _itself) if writer is None else writer
-    return Callback(called, AFTER_TORQUES, compiled=writer is not None)
+    if writer is not None:
+        n = fixed.size - AFTER_TORQUES
+        broken = min({"torque": 0, "force": n + FORCE}.get(name, n + ACROSS) for name in functions)
+        made = Callback(writer, AFTER_TORQUES, broken)
+    if made is None or whole:
+        _keep(key, made)
+    return made or Callback(build(functions, _itself), AFTER_TORQUES)
+
+
+def _known(key: Hashable) -> tuple[bool, Callback | None]:
+    """Return whether functions of this key were met before, and their machine code, if any."""
+    with _LOCK:
+        known = key in _KEPT
+        if known:
+            _KEPT.move_to_end(key)
+        return known, _KEPT.get(key)
+
+
+def _keep(key: Hashable, made: Callback | None) -> None:
+    with _LOCK:
+        _KEPT[key] = made
+        while len(_KEPT) > _MOST_KEPT:
+            _KEPT.popitem(last=False)
 
 
 def _itself(function: Any) -> Any:
@@ -126,10 +165,12 @@ def _writer_of(
     shake = make(nothing if pivot is None else carry)
 
     def write(t, q, u, out):
-        for i in range(out.size):
-            out[i] = constants[i]
         turn(t, q, u, out)
         move(t, q, u, out)
         shake(t, q, u, out)
 
-    return make(write)
+    def write_all(t, q, u, out):
+        out[:] = constants
+        write(t, q, u, out)
+
+    return write_all if make is _itself else make(write)

@@ -116,9 +116,11 @@ def simulate(
     docs/extensions.md. The rail bears the reaction of a torque at joint 0. Results are the same
     bits on every machine, where functions of the user's are.
 
-    Functions are compiled by Numba where they can be (once, in about a second); others are called
-    in Python, which takes some microseconds for each evaluation, twelve in a step. Both give the
-    same bits where Python and machine code do. Steps end at the instants of a `Signal`.
+    Functions are compiled by Numba where they can be, in about half a second; others are called in
+    Python, which takes some microseconds for each evaluation, twelve in a step. A process keeps the
+    machine code of 128 functions. It compiles again where the code, a default, a variable of the
+    function around it or of its module has changed. Both give the same bits where Python and
+    machine code do. Steps end at the instants of a `Signal`.
 
     No step with a function is longer than three of the intervals between `times`, on average. Nor
     is it longer than 1/12 of the fastest normal mode's period, or 0.5 s without gravity. This holds
