@@ -100,7 +100,7 @@ def test_an_event_where_two_steps_meet_is_found_once(quantity, rod, method, at_o
     def follow(**more):
         return simulate(Chain.uniform(2), [1.0, 0.7], 0.0, times, method=method, dt=0.05, **more)
 
-    monkeypatch.setattr("npend_gym.physics.events._RODS_AT_ONCE", at_once)  # 2: each step alone
+    monkeypatch.setattr("npend_gym.physics.watch._RODS_AT_ONCE", at_once)  # 2: each step alone
     times, half = np.linspace(0.0, 3.0, 61), int(quantity != "angle")
     path = follow()
     path.at(0.0)

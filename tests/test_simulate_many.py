@@ -521,6 +521,63 @@ def test_events_of_a_small_swing_are_at_quarters_of_its_period():
     np.testing.assert_allclose(motion.t_events[3][0], 0.125 * period, atol=1e-6)
 
 
+EVENTS = [
+    Event("angle", 0), Event("angular_velocity", -1, direction=-1), Event("velocity"),
+    Event("height", 0, -0.9), Event("flip", 1), Event("angle", 1, 0.4, terminal=3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "chain", [DOUBLE, LINKS, ON_CART, ON_SPRINGS, SPRINGS_ON_CART], ids=lambda chain: f"{chain}"
+)
+def test_events_of_many_motions_have_the_bits_of_each_alone(chain, method, starts):
+    theta, omega = (0.5 * each for each in starts)
+    theta[15] = omega[15] = 0.0  # hangs
+    options = {"events": EVENTS, **METHODS[method]}
+    many = simulate(chain, theta, omega, TIMES, **options)
+    assert 0 < many.status.sum() < 37
+    shared = simulate([chain] * 37, theta, omega, TIMES, **options, threads=2)
+    np.testing.assert_array_equal(shared.theta, many.theta)
+    for k in (0, 15, 16, 30, 36):
+        alone, own = simulate(chain, theta[k], omega[k], TIMES, **options), many[k]
+        for name in ("times", *STATE, "t_events", "theta_events", "omega_events", "counts"):
+            assert_same(getattr(own, name), getattr(alone, name))
+
+
+def test_motions_beside_one_that_fails_after_its_end_keep_their_events():
+    one = Chain([1.0], [1.0], stiffness=50.0)  # the rod of the first has no length left soon after
+    short, stretch = Event("height", 0, -0.1, terminal=True), np.array([[2.0], [0.1], [0.2]])
+    many = simulate(one, np.zeros((3, 1)), 0.0, [0.0, 1.0], stretch=stretch, events=short)
+    assert many.status.tolist() == [1, 0, 0]
+    for k in (0, 1):
+        alone = simulate(one, 0.0, 0.0, [0.0, 1.0], stretch=stretch[k], events=short)
+        for name in ("times", *STATE, "t_events"):
+            assert_same(getattr(many[k], name), getattr(alone, name))
+    with pytest.raises(IntegrationError, match=r"for motion 0 .* no length left"):
+        simulate(one, np.zeros((3, 1)), 0.0, [0.0, 1.0], stretch=stretch, events=Event("flip"))
+
+
+def test_motions_side_by_side_are_looked_at_together(starts, monkeypatch):
+    calls, of = [], Event.of
+    monkeypatch.setattr(Event, "of", lambda *given: calls.append(1) or of(*given))
+    event, (theta, omega) = Event("angle", 0), starts
+    simulate(DOUBLE, theta[:1], omega[:1], TIMES, events=event)
+    alone = len(calls)
+    simulate(DOUBLE, theta[:16], omega[:16], TIMES, events=event)
+    assert len(calls) - alone < 3 * alone
+
+
+def test_an_event_without_slope_at_its_zero_is_found_where_its_sign_changes():
+    for function in (
+        lambda t, theta, omega: 1.0 if t > 0.77 else -1.0,
+        lambda t, theta, omega: (t - 0.77) ** 9,
+        lambda t, theta, omega: np.sign(t - 0.77) * 1e-300 ** abs(t - 0.77),
+    ):
+        found = simulate(DOUBLE, 1.0, 0.0, [0.0, 1.0], events=function).t_events[0]
+        np.testing.assert_allclose(found, [0.77], atol=1e-9)
+
+
 def test_events_are_those_of_scipy_and_change_no_bit_of_the_motion():
     def crossing(t, theta, omega):
         return theta[0] + theta[1] - 1.0

@@ -63,6 +63,16 @@ class TakenSteps(NamedTuple):
             p = (p + poly[..., row, :]) * (u if row % 2 else x)
         return self.states[step] + (p + poly[..., 0, :]) * x
 
+    def times_at(self, step: NDArray[np.int64], fraction: FloatArray) -> FloatArray:
+        """Return the instants at fractions of steps [s]."""
+        begin = self.begin[step]
+        return begin + fraction * (self.end[step] - begin)
+
+    def columns(self, which: slice) -> TakenSteps:
+        """Return the same steps with some entries of the states."""
+        parts = self.states[:, which], self.polynomials[..., which]
+        return TakenSteps(self.begin, self.end, *parts, self.refused)
+
     def sound(self, n: int) -> TakenSteps:
         """Return the steps of `n` rods up to the first that has diverged."""
         finite = np.isfinite(self.polynomials).all(axis=(1, 2))
@@ -100,7 +110,7 @@ class Segment(NamedTuple):
 
     frames: slice  # which of the instants have been passed
     states: FloatArray  # there, (lanes, F, 2m)
-    steps: TakenSteps | None  # if they are kept
+    steps: list[TakenSteps]  # of each lane, if they are kept
     counts: FloatArray  # steps taken, refused, and with dense output, (3 lanes,); zeros for "rk4"
     after: FloatArray  # the state at the end of the last step, as that of `Motion`
     torque: Torque  # what acted
@@ -154,7 +164,7 @@ class Motion:
         times : ndarray, shape (T,)
             Instants at which the state is wanted [s].
         kept, dense : bool
-            Whether the steps are kept, and their polynomials with them; not of a pack.
+            Whether the steps are kept, and their polynomials with them.
         most : int
             Steps in one compiled call; by default as many as take a sixth of a second.
         """
@@ -176,9 +186,9 @@ class Motion:
                 before, (done, counts, state, failure) = done, advance(count, visited)
                 span = slice(int(first) + before - 1, int(first) + min(done, last - first + 1) - 1)
                 states = frames[:, before : before + span.stop - span.start]
-                steps = _steps_of(visited[0], size) if kept else None
-                if failure is not None and steps is not None:
-                    steps = steps.sound(self.mechanism.n)
+                steps = [_steps_of(rows, size) for rows in visited] if kept else []
+                if failure is not None:
+                    steps = [each.sound(self.mechanism.n) for each in steps]
                 yield Segment(span, states, steps, counts, state, torque)
                 if failure is not None:
                     raise failure
@@ -268,7 +278,7 @@ class Motion:
         parts: list[TakenSteps] = []
         ends = times if self.method == "rk4" else times[[0, -1]]
         for segment in self.segments(ends, kept=True):
-            parts += [] if segment.steps is None else [segment.steps]
+            parts += segment.steps
             if sum(part.polynomials.nbytes for part in parts) > MAX_BYTES:
                 raise ValueError(
                     f"the steps of a motion must take at most {MAX_BYTES:g} bytes: "

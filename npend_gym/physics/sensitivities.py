@@ -86,8 +86,8 @@ def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterato
     method, adaptive = _METHODS[motion.method], motion.method == "dop853"
     ends = times[[0, -1]] if adaptive else times  # what lies between does not change these steps
     for segment in motion.segments(ends, kept=True, dense=False, most=steps):
-        taken = segment.steps
-        if taken is None or not taken.begin.size:
+        (taken,) = segment.steps
+        if not taken.begin.size:
             continue
         begin, end, length = taken.begin, taken.end, taken.end - taken.begin
         first, last = np.searchsorted(times, [begin[0], end[-1]], side="right")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -14,13 +14,14 @@ from npend_gym._provenance import provenance
 from npend_gym._threads import Call, check_threads, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
-from npend_gym.physics.events import Event, EventFunction, Occurrence, Watch, watched
-from npend_gym.physics.integration import check_times, count_steps
+from npend_gym.physics.events import Event, EventFunction, watched
+from npend_gym.physics.integration import IntegrationError, check_times, count_steps
 from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism, first_of
 from npend_gym.physics.motion import packs_of
 from npend_gym.physics.signals import TimeVarying
 from npend_gym.physics.start import Start
 from npend_gym.physics.trajectory import EVENTS, Trajectory
+from npend_gym.physics.watch import Occurrence, Sightings, Watch
 
 
 @_checks.keywords_moved(
@@ -158,13 +159,20 @@ def simulate(
     started = Start(
         chains, angles, speeds, drives, places | axial, instants, settings, one=one
     )  # fmt: skip
-    looked_for = range(started.count if watched(events, chains[0]) else 0)
-    watches = [Watch(events, started.chain(k), instants) for k in looked_for]
-    frames, counts = _follow(started, instants, watches, threads)
-    instants, frames = _until_ends(watches, instants, frames, one=one)
+    watching = watched(events, chains[0])
+    seen = [Sightings(len(watching)) for _ in range(started.count if watching else 0)]
+    # functions of users are called for one motion after another
+    of_any_chain = all(event.alone is not None for event in watching)
+    together = not any(event.opaque for event in watching) and (of_any_chain or len(chains) == 1)
+
+    def watch(members: slice) -> Watch:
+        return Watch(events, started.chain(members.start), instants, seen[members])
+
+    frames, counts = _follow(started, instants, seen, watch, threads, together=together)
+    instants, frames = _until_ends(seen, instants, frames, one=one)
     which = 0 if one else slice(None)  # one motion has no leading axis
     parts: dict[str, Any] = _columns_of(started.states.mechanism, frames[which])
-    parts |= _found(watches, *frames[:, 0].shape, one=one)
+    parts |= _found(seen, chains[0].n, *frames[:, 0].shape, one=one)
     return Trajectory(
         chains[0], instants, provenance=provenance(started.described()), recipe=started.recipe,
         counts=counts[:, which].astype(np.int64) if "rtol" in settings else None,
@@ -173,42 +181,57 @@ def simulate(
 
 
 def _follow(
-    started: Start, times: FloatArray, watches: list[Watch], threads: int
-) -> tuple[FloatArray, FloatArray]:
+    started: Start, times: FloatArray, seen: list[Sightings], watch: Callable[[slice], Watch],
+    threads: int, *, together: bool,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return the states of all motions at the times, (B, T, 2m), and what was counted, (3, B).
 
-    After the first terminal event of a motion they mean nothing.
+    After the first terminal event of a motion they mean nothing. `watch` returns what looks for
+    events in some of them; `seen` has what each of them showed.
     """
     mechanism, count = started.states.mechanism, started.count
     mechanism.check_vibrations(float(times[-1] - times[0]))
     check_times(times, count * mechanism.size)
-    packed = not (watches or started.is_one or started.varying)
+    packed = not (started.is_one or started.varying) and (together or not seen)
     frames, counts = np.empty((count, times.size, 2 * mechanism.size)), np.zeros((3, count))
     frames[:, 0] = np.hstack(started.states[1:3])
 
-    def follow(members: slice, call: Call) -> None:
+    def follow(members: slice, call: Call, *, packed: bool = packed) -> None:
         motion, most = started.motion(members, packed=packed), members.stop - members.start
-        for segment in motion.segments(times, kept=bool(watches)):
+        looking = watch(members) if seen else None
+        for segment in motion.segments(times, kept=looking is not None):
             frames[members, segment.frames] = segment.states[:most]
-            counted, ended = segment.counts, False
-            if segment.steps is not None:
-                watch = watches[int(members.start)]
-                ended = watch.look(segment.steps)
-                counted = segment.steps.counts(watch.end.time) if watch.end else counted
-            counts[:, members] += counted.reshape(3, -1)[:, :most]
+            counted, ended = segment.counts.reshape(3, -1)[:, :most], False
+            if looking is not None:
+                going = [each.end is None for each in seen[members]]
+                ended = looking.look(segment.steps)
+                for k, (each, steps) in enumerate(zip(seen[members], segment.steps, strict=False)):
+                    if each.end is not None:
+                        counted[:, k] = steps.counts(each.end.time) if going[k] else 0.0
+            counts[:, members] += counted
             if ended or call.stopped:
                 return
 
+    def follow_watched(members: slice, call: Call) -> None:
+        try:
+            follow(members, call)
+        except IntegrationError:  # perhaps of a motion that an event had ended
+            for k in range(members.start, members.stop):
+                seen[k].clear()
+                counts[:, k] = 0.0
+                follow(slice(k, k + 1), call, packed=False)
+
     each = [slice(k, k + 1) for k in range(count)]
-    share_out(packs_of(count, mechanism.kinds) if packed else each, threads, follow)
+    parts = packs_of(count, mechanism.kinds) if packed else each
+    share_out(parts, threads, follow_watched if packed and seen else follow)
     return frames, counts
 
 
 def _until_ends(
-    watches: list[Watch], times: FloatArray, frames: FloatArray, *, one: bool
+    seen: list[Sightings], times: FloatArray, frames: FloatArray, *, one: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and states up to the terminal events; of many motions NaN follows their own."""
-    ends = [watch.end for watch in watches]
+    ends = [each.end for each in seen]
     side = "left" if one else "right"  # one motion gets the instant of its end beside the others
     lasts = [
         times.size if end is None else int(np.searchsorted(times, end.time, side)) for end in ends
@@ -223,19 +246,19 @@ def _until_ends(
     return times[:last], frames[:, :last]
 
 
-def _found(watches: list[Watch], count: int, width: int, *, one: bool) -> dict[str, Any]:
+def _found(seen: list[Sightings], n: int, count: int, width: int, *, one: bool) -> dict[str, Any]:
     """Return what was found in each of `count` motions, by the names of `Trajectory`.
 
     `width` is that of a state, 2m.
     """
-    found = [watch.as_dict() for watch in watches]
-    ended = [watch.end is not None for watch in watches] or [False] * count
+    found = [each.as_dict(n, width) for each in seen]
+    ended = [each.end is not None for each in seen] or [False] * count
     if one:
         return {"status": int(ended[0])} | {name: own[name] for own in found for name in EVENTS}
     each = {name: zip(*(own[name] for own in found), strict=True) for name in EVENTS}
     lists = {name: [list(of_event) for of_event in own] for name, own in each.items()}
     none = Occurrence(np.nan, np.full(width, np.nan))
-    ends = np.array([np.append(*(watch.end or none)) for watch in watches]) if any(ended) else None
+    ends = np.array([np.append(*(each.end or none)) for each in seen]) if any(ended) else None
     return {"status": np.array(ended, np.int64), "ends": ends} | lists
 
 
