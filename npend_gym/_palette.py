@@ -26,4 +26,13 @@ def mixed(colors: Sequence[Sequence[int]], share: float) -> tuple[int, ...]:
     return tuple(round(float(np.interp(share, at, channel))) for channel in channels)
 
 
+def distinct(count: int) -> list[str]:
+    """Return as many colours as "#RRGGBB" that are as unlike as they can be."""
+    if count <= len(_UNLIKE):
+        return [*_UNLIKE[:count]]
+    ends = [rgb(color) for color in (BLUE, SKY, GREEN, AMBER, ORANGE, PINK)]
+    return ["#" + bytes(mixed(ends, k / (count - 1))).hex().upper() for k in range(count)]
+
+
+_UNLIKE = BLUE, ORANGE, GREEN, PINK, AMBER, SKY
 RAMP = tuple(map(rgb, (BLUE, GREEN, AMBER)))  # of bobs: gains in lightness from pivot to tip

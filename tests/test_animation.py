@@ -226,7 +226,7 @@ def test_torques_that_noise_takes_beyond_their_limit_are_drawn_at_it():
     )
     assert recording.torque.max() > 1.0
     most = int(recording.torque.argmax())
-    assert Film(recording, fps=20.0, size=120)._scene(most).torque == 1.0
+    assert Film(recording, fps=20.0, size=120).scene(most).torque == 1.0
 
 
 @pytest.mark.parametrize(

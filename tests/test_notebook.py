@@ -12,7 +12,8 @@ from accessibility import grave_findings
 from conftest import wait_for
 from PIL import Image
 
-from npend_gym import Cart, Chain, simulate
+from npend_gym import Cart, Chain, Event, simulate
+from npend_gym._palette import distinct, rgb
 from npend_gym.physics.energy import potential_energy
 
 
@@ -56,9 +57,61 @@ def test_of_many_motions_the_first_are_to_choose_from():
     assert [one["label"] for one in shown] == [f"{k}: 2 pendulums" for k in range(8)]
     first = np.frombuffer(base64.b64decode(shown[5]["places"]), "<f4")[:4].reshape(2, 2)
     np.testing.assert_allclose(2.0 * first, many[5].positions()[0], atol=2e-4)
-    for show in (many.plot, many.animate):
-        with pytest.raises(ValueError, match=r"got 12 of them: take trajectory\[k\]"):
-            show()
+
+
+KINDS = {
+    "points": Chain.uniform(2),
+    "links on a cart": Chain.rods([1.0, 0.5], [0.6, 0.4], base=Cart(2.0)),
+    "springs": Chain.uniform(2, stiffness=300.0),
+    "chains that differ": [Chain.uniform(2, length=length) for length in (0.5, 1.0, 1.5)],
+}
+
+
+@pytest.mark.parametrize("chain", KINDS.values(), ids=KINDS)
+def test_motions_are_plotted_together_in_colours_of_their_own(chain):
+    import matplotlib.pyplot as plt
+
+    many = simulate(chain, [[0.2, 0.1], [0.4, 0.1], [0.5, 0.0]], 0.0, np.linspace(0.0, 1.0, 26))
+    axes = many.plot()
+    rows = many.theta[..., -1], many.omega[..., -1], many.energy()
+    for ax, values in zip(axes, rows, strict=True):
+        for line, expected in zip(ax.lines, values, strict=True):
+            np.testing.assert_array_equal(line.get_xydata(), np.stack([many.times, expected], 1))
+        assert len({line.get_color() for line in ax.lines}) == 3
+    plt.close(axes[0].figure)
+
+
+@pytest.mark.parametrize("chain", KINDS.values(), ids=KINDS)
+def test_motions_are_filmed_together_each_where_it_is_alone(chain):
+    starts, times = np.array([[0.2, 0.1], [-1.4, 0.1], [1.5, 0.0]]), np.linspace(0.0, 1.0, 26)
+    many = simulate(chain, starts, 0.0, times)
+    film = many.animate(size=240)
+    scene, picture = film.scene(20), film.picture(20)
+    shown = [scene, *scene.beside[::-1]]
+    for k, (one, color) in enumerate(zip(shown, distinct(3), strict=True)):
+        own = many[k].animate(size=240).scene(20)
+        np.testing.assert_array_equal(one.positions, own.positions)
+        assert (one.color, one.cart, one.time) == (color, own.cart, own.time)
+        assert (picture == rgb(color)).all(axis=2).sum() > 30  # its bobs or links
+    assert scene.reach == max(many[k].animate(size=240).reach for k in range(3))
+    assert film.recording.caption == "n = 2"
+    assert many.animate(size=120, diagrams=True).picture(20).shape == (120, 240, 3)
+
+
+def test_a_motion_that_ends_before_others_stays_where_it_ended(tmp_path):
+    event = Event("angle", 0, terminal=True)
+    starts, times = [[0.2, 0.1], [0.0, 0.0]], np.linspace(0.0, 2.0, 51)
+    many = simulate(Chain.uniform(2), starts, 0.0, times, events=event)
+    assert many.status.tolist() == [1, 0]
+    film = many.animate(tmp_path / "two.gif", size=120)
+    assert len(film) == 51
+    np.testing.assert_array_equal(film.scene(50).positions, many[0].positions()[-1])
+    assert film.scene(50).time == 2.0
+
+
+def test_colours_are_distinct():
+    for count in (1, 6, 7, 10, 50):
+        assert len(set(distinct(count))) == count
 
 
 def test_a_long_chain_is_shown_within_a_megabyte():

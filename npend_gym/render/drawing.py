@@ -47,6 +47,8 @@ class Scene:
     cart: float = 0.0  #: where the cart, and so the pivot, is on it [m]
     force: float = 0.0  #: on the cart over its limit, in [-1, 1]; to the right is positive
     push: float = 0.0  #: on the tip over the largest one, in [-1, 1]; to the right is positive
+    color: str = ""  #: "#RRGGBB" of the whole chain; by default links have colors of their own
+    beside: tuple[Scene, ...] = ()  #: other chains, drawn behind with this reach
 
     def __post_init__(self) -> None:
         for name, least in (("positions", 1), ("trace", 0), ("marks", 0), ("centres", 0)):
@@ -87,6 +89,13 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
     canvas.fill(_PAPER)
     pen.disc(_RIM, pen.middle, RADIUS + 1.0)
     pen.disc(_DISC, pen.middle, RADIUS - 1.0)
+    for other in scene.beside:
+        _draw_chain(_Pen(draw, canvas, scene.reach, other.cart), other)
+    _draw_chain(pen, scene)
+
+
+def _draw_chain(pen: _Pen, scene: Scene) -> None:
+    """Draw a chain, and all that belongs to it."""
     if scene.rail > 0.0:
         _draw_cart(pen, scene)
     motor = pen.places(_joints(scene)[scene.joint, None])[0]
@@ -96,7 +105,8 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
     track = np.vstack([scene.trace, scene.positions[-1:]])
     track = pen.places(_rounded(track[thinned(len(track), _TRACE)]))
     for k, (start, end) in enumerate(pairwise(track), start=1):
-        pen.line(mixed((_DISC, _TIP), 0.08 + 0.52 * k / len(track)), start, end, 4.2 * pen.fine)
+        share = 0.08 + 0.52 * k / len(track)
+        pen.line(mixed((_DISC, _tint(scene, 1.0)), share), start, end, 4.2 * pen.fine)
 
     bob = min(max(0.29 * RADIUS / len(scene.positions), 4.4 * pen.fine), 21.0 * pen.fine)
     (_draw_links if len(scene.centres) else _draw_bobs)(pen, scene, bob)
@@ -123,6 +133,15 @@ def _rounded(track: FloatArray) -> FloatArray:
     return np.vstack([between.swapaxes(0, 1).reshape(-1, 2), track[-1:]])
 
 
+def _tint(scene: Scene, share: float) -> tuple[int, ...]:
+    """Return the color of what is at a share of the chain, 1 at its tip."""
+    return rgb(scene.color) if scene.color else _TIP if share == 1.0 else mixed(RAMP, share)
+
+
+def _rod(scene: Scene) -> tuple[int, ...]:
+    return mixed((_DISC, rgb(scene.color)), 0.6) if scene.color else _ROD
+
+
 def _joints(scene: Scene) -> FloatArray:
     """Return the places of all joints and of the tip [m], (n + 1, 2)."""
     return np.vstack([(scene.cart, 0.0), scene.positions])
@@ -147,15 +166,15 @@ def _draw_bobs(pen: _Pen, scene: Scene, bob: float) -> None:
     shown = thinned(n, _BOBS)
     bobs = pen.places(scene.positions[shown])
     for start, end in pairwise([pen.pivot, *bobs]):
-        pen.line(_ROD, start, end, min(max(0.42 * bob, 3.2 * pen.fine), 7.0 * pen.fine))
+        pen.line(_rod(scene), start, end, min(max(0.42 * bob, 3.2 * pen.fine), 7.0 * pen.fine))
     for k, place in zip(shown[:-1].tolist(), bobs[:-1], strict=True):
         if 2.0 * (bob + edge) < RADIUS / n:  # bobs that touch would cut each other
             pen.disc(_DISC, place, bob + edge)
-        pen.disc(mixed(RAMP, k / n), place, bob)
+        pen.disc(_tint(scene, k / n), place, bob)
     pen.disc(_INK, pen.pivot, 9.0)
     pen.disc(_DISC, pen.pivot, 4.0)
     pen.disc(_DISC, bobs[-1], tip + edge)
-    pen.disc(_TIP, bobs[-1], tip)
+    pen.disc(_tint(scene, 1.0), bobs[-1], tip)
 
 
 def _draw_links(pen: _Pen, scene: Scene, bob: float) -> None:
@@ -166,7 +185,7 @@ def _draw_links(pen: _Pen, scene: Scene, bob: float) -> None:
     shown = [int(k) for k in thinned(n, _BOBS)]
     ends, centres = pen.places(joints), pen.places(scene.centres)
     for k in shown:
-        color = _TIP if k == n - 1 else mixed(RAMP, k / n)
+        color = _tint(scene, 1.0 if k == n - 1 else k / n)
         # a centre of mass beyond a joint is on an arm of the same body
         pen.line(_ROD, ends[k], centres[k], 0.5 * width)
         pen.bar(_DISC, ends[k], ends[k + 1], width + 2.5)

@@ -68,6 +68,7 @@ def _write(fonts: Any, picture: Any, scene: Scene) -> None:
     room = size - 5 * margin - font.size(energy)[0]
     period = next((text for text in _periods(scene) if font.size(text)[0] <= room), "")
     rows = (scene.caption, f"t = {scene.time:.2f} s"), (energy, period)
+    rows = (rows[0], ("", "")) if scene.beside else rows  # of several chains, each has its own
     for (left, right), top in zip(rows, (margin, size - margin - font.get_height()), strict=True):
         start = size - margin - font.size(right)[0]
         room = (0, 0, start - 3 * margin, size)  # what does not fit is cut off

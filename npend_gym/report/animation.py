@@ -30,7 +30,7 @@ except (ImportError, ValueError) as _error:  # ValueError: of a wrong MPLBACKEND
 from npend_gym.report.style import legend_below, styled
 
 SUFFIXES = (".gif", ".mp4")
-_INCHES = 4.8  # height of the diagrams: sets the size of their text
+INCHES = 4.8  # height of the diagrams: sets the size of their text
 _TRACE_SECONDS = 3.0
 _COLORS, _GIF_FPS = 128, 50  # of a GIF, at most: browsers slow down shorter delays
 _GIF_SECONDS = 655  # of a picture in a GIF, at most: delays have 16 bits
@@ -88,12 +88,12 @@ class Film:
         self._shown = np.searchsorted(motion.times, times + 1e-6 * interval, side="right") - 1
         self._places, self._energy = recording.positions(), motion.energy()
         self._cart = recording.cart()
-        self._rail: float = recording.rail or float(np.abs(self._cart).max())
+        self.rail: float = recording.rail or float(np.abs(self._cart).max())
         farthest = float(np.abs(self._places).max())  # on springs, or beside the end of a rail
-        self._reach: float = max(self._rail, motion.chain.total_length, farthest)
+        self.reach: float = max(self.rail, motion.chain.total_length, farthest)
         self._centres = recording.on_rail(motion.bodies())
         self._turned = recording.turning_points()
-        self._diagrams = _diagrams(recording, size) if diagrams else None
+        self._diagrams = self._drawn() if diagrams else None
 
     def __len__(self) -> int:
         return self._shown.size
@@ -107,8 +107,8 @@ class Film:
         Of more than 50 pictures a second it shows every second, third and so on.
         """
         file, step = io.BytesIO(), math.ceil(self.fps / _GIF_FPS)
-        shown = self if step == 1 else Film(
-            self.recording, fps=self.fps / step, speed=self.speed, size=self._painter.size,
+        shown = self if step == 1 else self._again(
+            fps=self.fps / step, speed=self.speed, size=self._painter.size,
             diagrams=self._diagrams is not None,
         )  # fmt: skip
         _check_gif(shown.fps)
@@ -118,15 +118,23 @@ class Film:
             f'<img alt="{html.escape(self.recording.caption)}" src="data:image/gif;base64,{data}">'
         )
 
+    def _again(self, **options: Any) -> Film:
+        """Return the film with other options."""
+        return Film(self.recording, **options)
+
+    def _drawn(self) -> tuple[Frame, Frame, tuple[int, int, int, int]]:
+        return pictures_of(_draw(self.recording), self._painter.size)
+
     def picture(self, k: int) -> Frame:
         """Return picture `k`, of shape (size, 2 size, 3), or (size, size, 3) without diagrams."""
-        chain = self._painter.paint(self._scene(k))
+        chain = self._painter.paint(self.scene(k))
         if self._diagrams is None:
             return chain
         return np.hstack([chain, self._diagrams_at(k, *self._diagrams)])
 
-    def _scene(self, k: int) -> Scene:
-        recording, now = self.recording, self._shown[k]
+    def scene(self, k: int) -> Scene:
+        """Return what picture `k` shows of the chain; after the last, how it ended."""
+        recording, now = self.recording, self._shown[k] if k < len(self) else -1
         motion, time = recording.motion, recording.motion.times[now]
         done = recording.periods <= time
         first = max(0, k - round(_TRACE_SECONDS * self.fps / self.speed))
@@ -134,7 +142,7 @@ class Film:
         acts = float(np.clip(recording.torque[now], -1.0, 1.0))  # noise may take it beyond
         return Scene(
             positions=self._places[now],
-            reach=self._reach,
+            reach=self.reach,
             time=float(time),
             energy=float(self._energy[now]),
             pseudo_period=self._mean(done),
@@ -145,7 +153,7 @@ class Film:
             marks=self._turned[done],
             centres=self._centres[now],
             joint=0 if on_cart else recording.joint,
-            rail=self._rail,
+            rail=self.rail,
             cart=float(self._cart[now]),
             force=acts if on_cart else 0.0,
         )
@@ -171,7 +179,7 @@ class Film:
 @styled
 def _draw(recording: Recording) -> Figure:
     motion = recording.motion
-    figure = Figure(figsize=(_INCHES, _INCHES), facecolor=PAPER)
+    figure = Figure(figsize=(INCHES, INCHES), facecolor=PAPER)
     layout: Any = figure.get_layout_engine()
     layout.set(rect=(0.0, 0.01, 0.97, 0.98))  # left, bottom, width, height
     axes: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -203,13 +211,12 @@ def _draw(recording: Recording) -> Figure:
     return figure
 
 
-def _diagrams(recording: Recording, size: int) -> tuple[Frame, Frame, tuple[int, int, int, int]]:
-    """Return the diagrams before and after the motion, and the pixels that time runs through.
+def pictures_of(figure: Any, size: int) -> tuple[Frame, Frame, tuple[int, int, int, int]]:
+    """Return diagrams before and after the motion, and the pixels that time runs through.
 
     The latter are those from the left, top, right and bottom of all axes.
     """
-    figure: Any = _draw(recording)
-    figure.set_dpi(size / _INCHES)
+    figure.set_dpi(size / INCHES)
     canvas = FigureCanvasAgg(figure)
 
     def picture() -> Frame:

@@ -88,6 +88,8 @@ def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
 def plot(motion: Any) -> Any:
     """Plot angles, angular velocities and energy against time (extra "plot").
 
+    Of many motions it shows the last rod of each, in a colour of its own.
+
     Returns
     -------
     ndarray of matplotlib.axes.Axes, shape (3,)
@@ -96,7 +98,7 @@ def plot(motion: Any) -> Any:
     Raises
     ------
     ValueError
-        If it is many motions: take one, ``trajectory[k]``.
+        If a motion has less than two instants.
 
     Examples
     --------
@@ -108,6 +110,10 @@ def plot(motion: Any) -> Any:
     """
     from npend_gym.report.style import context, legend_below, rod_colors
 
+    if motion.theta.ndim > 2:
+        from npend_gym.report import together
+
+        return together.plot(motion)
     shown = record_motion(motion).motion
     import matplotlib.pyplot as plt
 
@@ -144,6 +150,8 @@ def animate(
 ) -> Film:
     """Film the motion (extras "plot" and "render"); a notebook shows what is returned.
 
+    Many motions hang from one pivot, each in a colour of its own.
+
     Parameters
     ----------
     path : str or Path, optional
@@ -164,7 +172,7 @@ def animate(
     Raises
     ------
     ValueError
-        If an argument breaks its rule, or it is many motions: take one, ``trajectory[k]``.
+        If an argument breaks its rule, or a motion has less than two instants.
 
     Examples
     --------
@@ -177,7 +185,13 @@ def animate(
     from npend_gym.report import animation
 
     file = None if path is None else _checks.path("path", path)
-    film = animation.Film(record_motion(motion), fps=fps, speed=speed, size=size, diagrams=diagrams)
+    options: Any = {"fps": fps, "speed": speed, "size": size, "diagrams": diagrams}
+    if motion.theta.ndim > 2:
+        from npend_gym.report.together import FilmOfMany
+
+        film = FilmOfMany([record_motion(motion[k]) for k in range(len(motion))], **options)
+    else:
+        film = animation.Film(record_motion(motion), **options)
     if file is not None:
         _checks.choice("the suffix of path", file.suffix, animation.SUFFIXES)
         animation.write(film, file)
