@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from npend_gym._palette import PAPER, distinct
-from npend_gym.physics import Trajectory
 from npend_gym.recording import Recording, check_angles
 from npend_gym.render import Frame, Scene
 from npend_gym.report.animation import INCHES, Figure, Film, pictures_of
@@ -17,7 +16,7 @@ _MOST_LABELS = 12  # motions with an entry of their own in a legend
 _TRACE = 0.4  # of that of a motion alone
 
 
-def plot(motions: Trajectory) -> Any:
+def plot(motions: Any) -> Any:
     """Plot each motion's last rod and its energy; see `Trajectory.plot`."""
     import matplotlib.pyplot as plt
 
@@ -27,7 +26,7 @@ def plot(motions: Trajectory) -> Any:
     return axes
 
 
-def _draw_lines(figure: Any, axes: Sequence[Any], motions: Sequence[Trajectory]) -> None:
+def _draw_lines(figure: Any, axes: Sequence[Any], motions: Sequence[Any]) -> None:
     """Draw angle, angular velocity where there are three axes, and energy against time."""
     labels = ["angle [rad]", "angular velocity [rad/s]", "energy [J]"]
     if len(axes) < len(labels):
