@@ -16,7 +16,7 @@ REFUSED = [
     ("release --amplitude 60", "must stay within pi rad, got 60: 60 degrees are 1.047 rad"),
     ("release --amplitude 60grad", "in degrees such as 60deg; got 60grad"),
     ("release --amplitude pi/0", "in radians such as 0.5 or pi/3"),
-    ("release --reading swing", "reading must be one of bob, link, height, com, horizontal; got 'swing'"),
+    ("release --reading swing", "one of bob, link, height, com, horizontal; got 'swing'"),
     ("release --reading listing", "is `listing_periods` in paper/estimator.py of a clone"),
     ("release --masses 1,2", "masses must be one number or 5"),
     ("chaos map --colour red", "chaos: error: unrecognized arguments: --colour red; See "),
