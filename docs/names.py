@@ -69,16 +69,18 @@ def _file(module: str) -> Path:
 
 def _described(path: Path, name: str) -> Iterator[str]:
     """Yield the lines of what a module calls by a name; none of names from elsewhere."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))) if path.exists() else []:
-        if getattr(node, "name", None) == name and isinstance(node, ast.ClassDef):
+    if not path.exists():
+        return
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.ClassDef) and node.name == name:
             yield from _of_class(path, node)
-        elif getattr(node, "name", None) == name and isinstance(node, ast.FunctionDef):
+        elif isinstance(node, ast.FunctionDef) and node.name == name:
             yield _line("", node.name, _arguments(node.args), node)
         elif isinstance(node, ast.ImportFrom) and name in {one.name for one in node.names}:
             yield from _described(_file(node.module or ""), name)
         else:
             continue
-        break
+        return
 
 
 def _parts(path: Path, node: ast.ClassDef) -> list[ast.FunctionDef]:
@@ -88,15 +90,17 @@ def _parts(path: Path, node: ast.ClassDef) -> list[ast.FunctionDef]:
     homes = {
         alias.name: _file(one.module)
         for one in module
-        if isinstance(one, ast.ImportFrom) and (one.module or "").startswith("npend_gym")
+        if isinstance(one, ast.ImportFrom) and one.module and one.module.startswith("npend_gym")
         for alias in one.names
     } | {one.name: path for one in module if isinstance(one, ast.ClassDef)}
-    for base in (one.value if isinstance(one, ast.Subscript) else one for one in node.bases):
-        home = homes.get(getattr(base, "id", ""))
-        for other in ast.parse(home.read_text("utf-8")).body if home else []:
-            if isinstance(other, ast.ClassDef) and other.name == base.id:
+    for one in node.bases:
+        base = ast.unparse(one.value if isinstance(one, ast.Subscript) else one)
+        if base not in homes:
+            continue
+        for other in ast.parse(homes[base].read_text("utf-8")).body:
+            if isinstance(other, ast.ClassDef) and other.name == base:
                 known = {one.name for one in methods}
-                methods += [one for one in _parts(home, other) if one.name not in known]
+                methods += [one for one in _parts(homes[base], other) if one.name not in known]
     return methods
 
 
