@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from accessibility import grave_findings
 from conftest import wait_for
+from scipy.special import ellipk
 
 from npend_gym import Cart, Chain, pseudo_periods, theory
 from npend_gym.cli import main
@@ -112,6 +113,16 @@ def test_a_browser_computes_the_bits_of_the_package(page, name):
         found["periods"], np.nan_to_num(ensemble.pseudo_periods[0], nan=-1.0)
     )
     assert found["energy"] == pytest.approx(ensemble.energy[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [-150.0, 60.0, 120.0])
+def test_one_pendulum_has_the_period_of_the_elliptic_integral(page, degrees):
+    chain, start = Chain.uniform(1), np.radians(degrees)
+    _, found = advanced(page, chain, ([start], [0.0]), [0.0], 0.02, 40, 200)
+    small = 2.0 * np.pi / np.sqrt(chain.gravity)
+    exact = small * 2.0 / np.pi * ellipk(np.sin(0.5 * start) ** 2)
+    assert found["periods"] == pytest.approx([exact], abs=1e-6)
+    assert found["centre"] == pytest.approx(exact, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["acrobot", "realaigym C.1", "cartpole", "uneven"])
