@@ -170,7 +170,7 @@ def test_the_controller_is_told_the_state_as_observed():
     scale = gym.make("NPendulum-v0", **keywords).unwrapped.config.speed_scale
     for observations, infos in zip(recorder.observations, recorder.infos, strict=True):
         for seen, info in zip(observations, infos, strict=True):
-            assert set(info) == {"time", "theta", "omega", "energy"}
+            assert set(info) == {"time", "theta", "omega", "energy", "tip_height"}
             np.testing.assert_allclose(np.sin(info["theta"]), seen[:, :2], atol=1e-6)
             np.testing.assert_allclose(info["omega"], seen[:, 4:] * scale, rtol=1e-6)
         paths = np.array([info["theta"] for info in infos])

@@ -48,11 +48,10 @@ def policy_of(controller: StateFeedback) -> Policy:
     Examples
     --------
     >>> from npend_gym.envs import EnvConfig
-    >>> from npend_gym.export import policy_of, to_onnx
+    >>> from npend_gym.export import policy_of
     >>> from npend_gym.rl import evaluate, lqr
     >>> policy = policy_of(lqr(EnvConfig(n=2, mode="balance")))
     >>> policy.save("balance.safetensors")
-    >>> to_onnx(policy, "balance.onnx")
     >>> evaluate(policy, policy.env, episodes=2).success.tolist()
     [True, True]
     """

@@ -170,28 +170,27 @@ def in_frame_of_pivot(chain: Chain, acceleration: Any) -> Chain:
 
     That is known of a constant `acceleration`, two numbers [m/s^2]; else the chain is returned.
     """
-    if acceleration is None or callable(acceleration):
+    felt = _felt(chain, acceleration)
+    if felt is None:
         return chain
-    pair = _checks.array("pivot_acceleration", acceleration)
-    if pair.shape != (2,):
-        return chain
-    return Chain.from_dict(chain.as_dict() | {"gravity": math.hypot(*_felt(chain, pair))})
+    return Chain.from_dict(chain.as_dict() | {"gravity": math.hypot(*felt)})
 
 
-def hanging_angle(chain: Chain, acceleration: ArrayLike | None) -> float:
+def hanging_angle(chain: Chain, acceleration: Any) -> float:
     """Return the angle at which a chain hangs under a constant `acceleration` of its pivot [rad].
 
     See `in_frame_of_pivot`.
     """
-    if acceleration is None:
-        return 0.0
-    across, down = _felt(chain, np.asarray(acceleration))
-    return math.atan2(across, down)
+    felt = _felt(chain, acceleration)
+    return 0.0 if felt is None else math.atan2(*felt)
 
 
-def _felt(chain: Chain, acceleration: FloatArray) -> tuple[float, float]:
-    """Return the gravity that is felt [m/s^2], to the right and down."""
-    return -float(acceleration[0]), chain.gravity + float(acceleration[1])
+def _felt(chain: Chain, acceleration: Any) -> tuple[float, float] | None:
+    """Return the gravity that is felt [m/s^2], to the right and down, where it is constant."""
+    if acceleration is None or callable(acceleration):
+        return None
+    pair = _checks.array("pivot_acceleration", acceleration)
+    return (-float(pair[0]), chain.gravity + float(pair[1])) if pair.shape == (2,) else None
 
 
 def check_axial_start(
