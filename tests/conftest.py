@@ -1,5 +1,6 @@
 """Fixtures and strategies that several test files share."""
 
+import gc
 import os
 import shutil
 import signal
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from npend_gym import Chain
 from npend_gym.cli import main
+from npend_gym.compiled import native
 
 # Begun in the background by a shell, this process and so those of the tests would ignore Ctrl-C
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -32,9 +34,26 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled(request, tmp_path_factory):
-    """Share out what must be compiled before the workers begin, where there are any."""
+    """Share out what must be compiled before the workers begin, where there are any.
+
+    At the end: the machine code of every kernel of the package that was called could be kept.
+    """
     if hasattr(request.config, "workerinput"):
         compile_together(tmp_path_factory.getbasetemp().parent)
+    yield
+    assert never_kept() == []
+
+
+def never_kept():
+    """Return names of the package's kernels that Numba ran, which compiles in every process."""
+    if native._needs_numba():
+        return []
+    kernels = [each for each in gc.get_objects() if type(each) is native.Kernel]
+    return sorted(
+        f"{each.__module__}.{each.__qualname__}"
+        for each in kernels
+        if "_by_numba" in vars(each) and each.__module__.startswith("npend_gym.")
+    )
 
 
 settings.register_profile("fixed", derandomize=True, deadline=None, max_examples=100)

@@ -390,7 +390,7 @@ def swings(motion_file):
     """A function that writes a file of swings, whose columns were converted, and returns it."""
 
     def write(chain, start, convert):
-        times = np.arange(0.0, 12.0, 0.02)
+        times = np.arange(0.0, 12.0, 0.04)
         motion = simulate(chain, start, 0.0, times)
         theta = convert(motion) + 1e-3 * np.random.default_rng(0).normal(size=motion.theta.shape)
         names = [f"theta{link}" for link in range(chain.n)]

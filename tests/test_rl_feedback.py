@@ -110,7 +110,7 @@ def resting(config, rest, lanes=2):
 def test_a_cart_comes_to_stand_where_it_is_to_stand(make):
     config = EnvConfig(**CART)
     controller = make(config, cart_position=-0.4)
-    at_last = last_state(controller, CART, resting(config, UPRIGHT), 12.0)
+    at_last = last_state(controller, CART, resting(config, UPRIGHT), 9.0)
     np.testing.assert_allclose(at_last, np.tile([np.pi, -0.4, 0.0, 0.0], (2, 1)), atol=0.02)
 
 

@@ -52,11 +52,12 @@ def gradients(chain: Chain, lanes: int, by_parameters: bool) -> Job:
     memory.lanes_of(bars)[..., :2, :] = 1.0
     rows = len(ChainParameters._fields) if by_parameters else 0
     chain_bars, timing = memory.new_rows(rows), memory.plan(_H, 1, math.inf).timing[0]
+    kept = np.zeros((len(bars), 1))
     work = aligned_zeros(adjoint_rows(1, 1), (chain.n + 2) * memory.width)
 
     def run(calls: int) -> None:
         for _ in range(calls):
-            adjoint_many(*memory.arrays, bars, chain_bars, reached, 1, timing, work)
+            adjoint_many(*memory.arrays, bars, chain_bars, reached, 1, kept, timing, work)
             bars[:] = 1.0  # they would grow
 
     return Job(run, lanes)

@@ -75,7 +75,8 @@ class _KernelLibrary(_Library):
     def add_linking_library(self, library: Any) -> None:
         """Link a function that is called, and those that its text only names."""
         super().add_linking_library(library)
-        for outlined in getattr(library, "outlined", ()):
+        # callers first: LLVM leaves out what nothing that is linked before has called
+        for outlined in reversed(getattr(library, "outlined", {})):
             super().add_linking_library(outlined)
 
     def _optimize_final_module(self) -> None:

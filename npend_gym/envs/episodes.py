@@ -98,7 +98,7 @@ class Episodes:
         self._wiring[Wiring.JOINT, : joints.size] = joints
         self._wiring[Wiring.PER_SPEED, :n] = 1.0 / config.speed_scale
         self._actions = aligned_zeros(joints.size, lanes)  # of the next step
-        self._drawing = self.seeds.keys, nominal, random.draws, self._context
+        self._drawing = self.seeds.keys, nominal, random.draws, self._context, nominal.copy()
         self._beginning = n, self.seeds.keys, self._start, self._actions
         timing = config.dt, config.min_substeps, config.max_rotation
         self._stepping, self._looking = (

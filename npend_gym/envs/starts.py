@@ -197,7 +197,7 @@ def _scale(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) ->
 @kernel
 def draw_chains(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, nominal: FloatArray,
-    draws: FloatArray, context: FloatArray,
+    draws: FloatArray, context: FloatArray, chain: FloatArray,
 ) -> None:  # fmt: skip
     """Draw the chains of the next episode of the lanes that are STARTING, before it begins.
 
@@ -213,9 +213,11 @@ def draw_chains(
         What is drawn of it.
     context : ndarray, shape (lanes, numbers)
         Written: the numbers drawn.
+    chain : ndarray, shape (parameters, n)
+        Overwritten.
     """
     members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
-    n, chain = nominal.shape[1], nominal.copy()
+    n = nominal.shape[1]
     width = rods.shape[2] // (n + 1)
     for k in range(members.shape[1]):
         if members[Episode.STARTING, k] == 0.0:

@@ -178,7 +178,9 @@ class DifferentiableEnsemble(Ensemble):
         self._write_loads(*loads)
         slots = max(1, min(plan.substeps, _TAPE // (8 * TAPE_ROWS * (self.n + 2) * memory.width)))
         rows = adjoint_rows(plan.substeps, slots)
-        self._differentiate(adjoint_many, (bars, chain_bars, reached, slots), plan, rows, names)
+        kept = np.zeros((len(bars), plan.substeps))
+        arrays = bars, chain_bars, reached, slots, kept
+        self._differentiate(adjoint_many, arrays, plan, rows, names)
         by_theta, by_omega, by_torque = (memory.gather(view[:, :, row]) for row in range(3))
         gradients: dict[str, FloatArray] = {}
         if names:

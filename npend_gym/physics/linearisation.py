@@ -113,7 +113,7 @@ def linearise(
     `friction_speed`. A regulator designed with it may have gains of the wrong sign for any faster
     motion. For feedback, raise `friction_speed` to the speeds that noise and a step reach,
     ``Chain.from_dict(chain.as_dict() | {"friction_speed": 0.2})``, or leave out friction. The
-    controllers of `npend_gym.rl` do so.
+    controllers of ``npend_gym.rl`` do so.
 
     Examples
     --------

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
@@ -241,7 +239,7 @@ def adjoint_of_group(
 @kernel
 def adjoint_many(
     members: FloatArray, rods: FloatArray, model: Model, bars: FloatArray, chain_bars: FloatArray,
-    reached: FloatArray, slots: int, timing: FloatArray, scratch: FloatArray,
+    reached: FloatArray, slots: int, kept: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take derivatives by the states after a step of `timing` back to its start.
 
@@ -249,15 +247,15 @@ def adjoint_many(
     added in its last row, and those by the parameters in `chain_bars` (groups, len(Parameter) or 0,
     row).
     The states after the step are left in `reached` (groups, 2, row); the members stay as they are.
-    The tapes of `slots` substeps are kept in `scratch`, those of others made once more.
+    The tapes of `slots` substeps are kept in `scratch`, those of others made once more; `kept`
+    (groups, substeps) is written.
     """
     members, rods, bars, chain_bars = bare(members), bare(rods), bare(bars), bare(chain_bars)
-    kept = np.zeros(int(timing[Timing.SUBSTEPS]))
     reached, rest = bare(reached), packs(bare(scratch))
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         group = group_of(packs(members), packs(rods), packs(model), g)
         rows, chain_rows, end = packs(bars)[g], packs(chain_bars)[g], packs(reached)[g]
-        adjoint_of_group(group, timing, rows, chain_rows, end, slots, kept, rest)
+        adjoint_of_group(group, timing, rows, chain_rows, end, slots, kept[g], rest)
 
 
 def tangent_rows() -> int:
