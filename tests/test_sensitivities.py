@@ -227,6 +227,26 @@ def test_small_motions_change_as_the_linear_equations_say(method):
     np.testing.assert_allclose(got.A, [expm(a * t) for t in times], atol=1e-7)
 
 
+@pytest.mark.parametrize("bars", [None, (1.0, 0.0)])
+def test_steps_of_a_chain_at_rest_that_are_too_long_for_derivatives_are_refused(bars):
+    times, chain = np.linspace(0.0, 10.0, 3), Chain.uniform(2)
+    a = complex_slopes(link_rates(Varied.of(chain), np.zeros(2)), 4)
+
+    def derive(**settings):
+        motion = simulate(chain, 0.0, 0.0, times, **settings)
+        return motion.sensitivities() if bars is None else motion.gradient(*bars)
+
+    with pytest.raises(ValueError, match=r"dt must be at most 0\.0855 s in `simulate`") as refused:
+        derive()
+    longest = float(str(refused.value).split("at most ")[1].split(" s")[0])
+    found, exact = derive(dt=longest), np.array([expm(a * t) for t in times])
+    if bars is None:
+        np.testing.assert_allclose(found.A, exact, atol=1e-6)
+    else:
+        expected = exact[:, :2].sum(axis=(0, 1))  # all angles at all times
+        np.testing.assert_allclose([*found.by_theta, *found.by_omega], expected, atol=1e-6)
+
+
 def test_a_motion_carries_its_own_velocity_along():
     """Where nothing depends on time, d (theta, omega)/dt is a tangent vector, in closed form."""
     chain, times = Chain([1.0, 2.0], [1.0, 0.5]), np.linspace(0.0, 4.0, 41)

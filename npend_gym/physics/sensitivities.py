@@ -24,6 +24,7 @@ from npend_gym.physics.kernels.tape import (
     new_scratch,
 )
 from npend_gym.physics.motion import Motion, TakenSteps
+from npend_gym.physics.substeps import LONGEST_PHASE, swinging_rate
 from npend_gym.physics.trajectory import Trajectory
 
 _WORK = 10_000_000  # of one call, in stages times rods times changes: Ctrl-C is heard after it
@@ -191,8 +192,8 @@ def sensitivities(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule, `simulate` did not make the motion, an event ended it, or
-        the derivatives would take more than 8 GB.
+        If an argument breaks its rule, `simulate` did not make the motion, an event ended it, the
+        chain rests in steps too long for it, or the derivatives would take more than 8 GB.
     FloatingPointError
         If derivatives grow beyond all bounds.
 
@@ -227,6 +228,7 @@ def sensitivities(
     whole[0], reached = states, state
     carried = carry(motion, trajectory.times, states, loads, changed, names=parameters or ())
     for where, frames, tape in carried:
+        _check_rest(trajectory, motion, tape)
         whole[where], reached = frames, tape.after
     check_same(reached, trajectory)
     columns = whole.swapaxes(1, 2)
@@ -281,6 +283,7 @@ def gradient(
     chain_bar = np.zeros((row_count(type(motion.arrays)) if names else 0, n))
     kept, held = list[Tape](), 0
     for tape in tapes(motion, trajectory.times):
+        _check_rest(trajectory, motion, tape)
         kept.append(tape)
         held += tape.steps.states.nbytes + tape.loads.nbytes
         if held > _MAX_BYTES:
@@ -316,6 +319,25 @@ def _retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
     motion, state = retaken(trajectory)
     motion.drives.check_time_alone(float(trajectory.times[0]), *np.split(state, 2))
     return motion, state
+
+
+def _check_rest(trajectory: Trajectory, motion: Motion, tape: Tape) -> None:
+    """Refuse adaptive steps in which a chain rests, and small changes of it do not.
+
+    No error limits such a step, and in a long one the method is unstable.
+    """
+    states = np.vstack([tape.steps.states, tape.after])
+    rests = ~np.any(np.diff(states, axis=0), axis=1)
+    if motion.method != "dop853" or not rests.any():
+        return
+    stiff = motion.mechanism.axial_rates()[0]
+    rate = max(stiff, swinging_rate(trajectory.chain) if trajectory.chain.gravity else 0.0)
+    longest = float(tape.steps.lengths[rests].max())
+    if longest * rate > LONGEST_PHASE * (1.0 + 1e-9):
+        raise ValueError(
+            f"dt must be at most {0.99 * LONGEST_PHASE / rate:.3g} s in `simulate` for derivatives of a "
+            f"chain at rest; got {longest:.3g} s, the length of a step"
+        )
 
 
 def _check_finite(derivatives: FloatArray, time: float) -> None:
