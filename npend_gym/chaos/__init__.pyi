@@ -12,6 +12,7 @@ from npend_gym.chaos.orbits import PeriodicOrbit as PeriodicOrbit
 from npend_gym.chaos.orbits import periodic_orbits as periodic_orbits
 from npend_gym.chaos.sections import Section as Section
 from npend_gym.chaos.sections import poincare_section as poincare_section
+from npend_gym.chaos.sections import stroboscopic_section as stroboscopic_section
 from npend_gym.chaos.spectrum import LyapunovSpectrum as LyapunovSpectrum
 from npend_gym.chaos.spectrum import lyapunov_spectrum as lyapunov_spectrum
 from npend_gym.chaos.variations import tangents as tangents

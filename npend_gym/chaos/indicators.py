@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from npend_gym.chain import Chain
 from npend_gym.chaos.growth import log_growth
 from npend_gym.chaos.variations import motion_of, record
 from npend_gym.physics.motion import Motion
+from npend_gym.physics.signals import TimeVarying
 
 _SETTLING = 10  # a tenth of the motion, in which the vector turns into the direction that grows
 _BLOCKS = (8, 16, 32)  # of equal length, whose rates scatter
@@ -90,7 +91,9 @@ def largest_lyapunov(
     duration: float,
     rtol: float = 1e-11,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-    pivot_acceleration: Any = None,
+    torque: ArrayLike | TimeVarying | None = None,
+    force: ArrayLike | TimeVarying = 0.0,
+    pivot_acceleration: ArrayLike | TimeVarying | None = None,
 ) -> LargestExponent:
     """Return the largest Lyapunov exponent of a motion, with its error, for any number of rods.
 
@@ -106,8 +109,8 @@ def largest_lyapunov(
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     progress : callable
         Wraps the iteration over hundredths of the duration, for a progress bar.
-    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
-        Acceleration of the pivot [m/s^2], as in `simulate`.
+    torque, force, pivot_acceleration : array_like, Signal or callable, optional
+        What drives the chain, as in `simulate`; functions of time alone.
 
     Returns
     -------
@@ -140,8 +143,9 @@ def largest_lyapunov(
     >>> found.exponent > 0.3  # 1/s: chaotic
     True
     """
-    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
-    times, logarithm, made_by = _grow(chain, motion, duration, progress, pivot_acceleration)
+    drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
+    motion = motion_of(chain, theta, omega, rtol, drives)
+    times, logarithm, made_by = _grow(chain, motion, duration, progress, drives)
     first = times.size // _SETTLING
     rates = (logarithm[first + 1 :] - logarithm[first]) / (times[first + 1 :] - times[first])
     statistical = max(_block_error(logarithm[first:], times[first:], b) for b in _BLOCKS)
@@ -158,13 +162,15 @@ def megno(
     duration: float,
     rtol: float = 1e-11,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-    pivot_acceleration: Any = None,
+    torque: ArrayLike | TimeVarying | None = None,
+    force: ArrayLike | TimeVarying = 0.0,
+    pivot_acceleration: ArrayLike | TimeVarying | None = None,
 ) -> Megno:
     """Return MEGNO, which tells regular motion from chaos within few periods, for any n.
 
     Parameters
     ----------
-    chain, theta, omega, duration, rtol, progress, pivot_acceleration
+    chain, theta, omega, duration, rtol, progress, torque, force, pivot_acceleration
         As for `largest_lyapunov`. Some hundred periods of the slowest mode tell weak chaos too.
 
     Returns
@@ -195,8 +201,9 @@ def megno(
     >>> chaos.megno(Chain.uniform(2), [2.0, 2.0], duration=100.0).value > 4.0  # 2 where regular
     True
     """
-    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
-    times, logarithm, made_by = _grow(chain, motion, duration, progress, pivot_acceleration)
+    drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
+    motion = motion_of(chain, theta, omega, rtol, drives)
+    times, logarithm, made_by = _grow(chain, motion, duration, progress, drives)
     integral = cumulative_trapezoid(np.append(0.0, logarithm), np.append(0.0, times))
     y = 2.0 * (logarithm - integral / times)
     mean = cumulative_trapezoid(np.append(0.0, y), np.append(0.0, times)) / times
@@ -209,17 +216,13 @@ def _grow(
     motion: Motion,
     duration: float,
     progress: Callable[[Iterable[int]], Iterable[int]],
-    pivot_acceleration: Any,
+    drives: Mapping[str, Any],
 ) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
     """Return instants, the logarithm of a tangent vector there, and the record of the arguments."""
     least = _SETTLING * max(_BLOCKS)
     times, logarithm = log_growth(chain, motion, duration, None, progress, least)
     given = {"duration": float(duration), "rtol": float(motion.settings["rtol"])}
-    return (
-        times,
-        logarithm,
-        record(chain, motion.state, **given, pivot_acceleration=pivot_acceleration),
-    )
+    return times, logarithm, record(chain, motion.state, **given, **drives)
 
 
 def _block_error(logarithm: FloatArray, times: FloatArray, blocks: int) -> float:

@@ -17,6 +17,7 @@ from npend_gym.chaos.variations import fastest_rate, loses_energy, motion_of, re
 from npend_gym.physics import mass_matrix, momentum_jacobian
 from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.sensitivities import carry
+from npend_gym.physics.signals import TimeVarying
 
 MAX_RODS = 500  # each orthogonalisation takes O(n^3) operations: a second of them
 _STEPS = 16  # between two orthogonalisations, where no vector shrinks much
@@ -55,7 +56,9 @@ def lyapunov_spectrum(
     samples: int = 200,
     rtol: float = 1e-11,
     progress: Callable[[Iterable[float]], Iterable[float]] = iter,
-    pivot_acceleration: Any = None,
+    torque: ArrayLike | TimeVarying | None = None,
+    force: ArrayLike | TimeVarying = 0.0,
+    pivot_acceleration: ArrayLike | TimeVarying | None = None,
 ) -> LyapunovSpectrum:
     """Return the Lyapunov exponents of a motion: the rates at which small changes of it grow.
 
@@ -70,15 +73,15 @@ def lyapunov_spectrum(
         chaos, as log t / t in regular motion.
     count : int, optional
         How many exponents, the largest first; by default all, two for each coordinate: rods,
-        a cart, stretches of springs, and two of a pivot that is moved. The time grows with it.
+        a cart and stretches of springs. The time grows with it.
     samples : int
         How many instants the history has, at most: one for each orthogonalisation.
     rtol : float
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     progress : callable
         Wraps the iteration over the instants, for a progress bar.
-    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
-        Acceleration of the pivot [m/s^2], as in `simulate`.
+    torque, force, pivot_acceleration : array_like, Signal or callable, optional
+        What drives the chain, as in `simulate`; functions of time alone.
 
     Returns
     -------
@@ -113,9 +116,11 @@ def lyapunov_spectrum(
     ((4,), True)
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_RODS)
-    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
+    drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
+    motion = motion_of(chain, theta, omega, rtol, drives)
     start, m = motion.state, motion.mechanism.size
-    count = 2 * m if count is None else _checks.count("count", count, high=2 * m)
+    most = 2 * chain.coordinates
+    count = most if count is None else _checks.count("count", count, high=most)
     duration = _checks.positive_number("duration", duration)
     samples = _checks.count("samples", samples)
     instants = np.linspace(0.0, duration, samples + 1)[1:].tolist()
@@ -140,24 +145,28 @@ def lyapunov_spectrum(
         times[k], history[k] = time, sums / time
     made_by = record(
         chain, start, duration=duration, count=count, samples=samples,
-        rtol=float(motion.settings["rtol"]), pivot_acceleration=pivot_acceleration,
+        rtol=float(motion.settings["rtol"]), **drives,
     )  # fmt: skip
     exponents, new = np.sort(history[-1])[::-1], np.diff(times, prepend=0.0) > 0.0
     return LyapunovSpectrum(exponents, times[new], history[new], made_by)
 
 
 def _basis(chain: Chain, m: int) -> FloatArray:
-    """Return a symplectic and orthogonal basis of (q, p), (2m, 2m), in no special direction.
+    """Return a symplectic and orthogonal basis of (q, p), in no special direction.
+
+    Its columns are vectors (2m,), which leave a pivot where it is that nothing of the chain moves.
 
     That is a unitary matrix, drawn once for all, as real numbers. Vectors along the angles would be
     nearly alike in the plane of a slow mode.
     """
-    own, unitary = _own(chain, m), np.eye(m, dtype=np.complex128)
+    own = _own(chain, m)
     drawn = np.random.default_rng(0).normal(size=(2, own.size, own.size))
-    unitary[np.ix_(own, own)] = qr(drawn[0] + 1j * drawn[1])[0]
+    unitary = qr(drawn[0] + 1j * drawn[1])[0]
     first = np.vstack([unitary.real, unitary.imag])
     second = np.vstack([-unitary.imag, unitary.real])
-    return np.hstack([first, second[:, ::-1]])
+    basis = np.zeros((2 * m, 2 * own.size))
+    basis[np.concatenate([own, m + own])] = np.hstack([first, second[:, ::-1]])
+    return basis
 
 
 def _own(chain: Chain, m: int) -> NDArray[np.int64]:

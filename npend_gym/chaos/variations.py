@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,15 @@ from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.integration import check_times
 from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
 from npend_gym.physics.motion import Motion
-from npend_gym.physics.recipe import Function
+from npend_gym.physics.recipe import described
 from npend_gym.physics.sensitivities import carry
-from npend_gym.physics.signals import Signal
+from npend_gym.physics.signals import TimeVarying
 from npend_gym.physics.start import Start
 from npend_gym.physics.substeps import LONGEST_PHASE, lighter, swinging_rate
 from npend_gym.theory.modes import decay_rate
 
 _MOST = 10**8  # parts of a motion
+UNDRIVEN: Mapping[str, Any] = {"torque": None, "force": 0.0, "pivot_acceleration": None}
 _FROM_ZERO = np.zeros(1)  # times of a motion whose measure chooses its own
 
 
@@ -36,7 +38,9 @@ def tangents(
     *,
     rtol: float = 1e-11,
     steps: int = 256,
-    pivot_acceleration: Any = None,
+    torque: ArrayLike | TimeVarying | None = None,
+    force: ArrayLike | TimeVarying = 0.0,
+    pivot_acceleration: ArrayLike | TimeVarying | None = None,
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Carry tangent vectors along a motion, exactly through the steps of the integrator.
 
@@ -57,8 +61,8 @@ def tangents(
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     steps : int
         Of the motion, in one iteration, at most.
-    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
-        Acceleration of the pivot [m/s^2], as in `simulate`.
+    torque, force, pivot_acceleration : array_like, Signal or callable, optional
+        What drives the chain, as in `simulate`; functions of time alone.
 
     Yields
     ------
@@ -83,7 +87,8 @@ def tangents(
     [4.49, 2.19, 5.87, 2.72]
     """
     instants, steps = check_times(times, check_chain(chain).n), _checks.count("steps", steps)
-    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration, instants)
+    drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
+    motion = motion_of(chain, theta, omega, rtol, drives, instants)
     size = motion.state.size
     own: Any = vectors
     if not isinstance(vectors, np.ndarray) or not vectors.flags.writeable:
@@ -103,22 +108,26 @@ def motion_of(
     theta: ArrayLike,
     omega: ArrayLike,
     rtol: float = 1e-11,
-    pivot_acceleration: Any = None,
+    drives: Mapping[str, Any] = UNDRIVEN,
     times: FloatArray = _FROM_ZERO,
+    *,
+    longest: float = math.inf,
+    alone: bool = True,
 ) -> Motion:
     """Return the motion along which tangent vectors are carried; arguments as for `tangents`.
 
-    A cart starts at rest, and springs with the tensions of rigid rods.
+    A cart starts at rest, and springs with the tensions of rigid rods. No step is longer than
+    `longest` [s]. Functions that depend on the state are refused where `alone` is true.
     """
-    n, felt = check_chain(chain).n, in_frame_of_pivot(chain, pivot_acceleration)
+    n, felt = check_chain(chain).n, in_frame_of_pivot(chain, drives["pivot_acceleration"])
     # vectors follow these rates, but the motion itself may not, and at rest would allow any step
     rate = max(fastest_rate(felt), fastest_decay(chain))
-    settings = check_settings("dop853", rtol, 0.01 * rtol, LONGEST_PHASE / rate)
+    settings = check_settings("dop853", rtol, 0.01 * rtol, min(longest, LONGEST_PHASE / rate))
     start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
-    drives = {"torque": None, "force": 0.0, "pivot_acceleration": pivot_acceleration}
-    started = Start((chain,), *start, drives, {"stretch": None}, times, settings, one=True)
+    started = Start((chain,), *start, {**drives}, {"stretch": None}, times, settings, one=True)
     motion = started.motion(slice(0, 1), packed=False)
-    motion.drives.check_time_alone(float(times[0]), *np.split(motion.state, 2))
+    if alone:
+        motion.drives.check_time_alone(float(times[0]), *np.split(motion.state, 2))
     return motion
 
 
@@ -147,34 +156,32 @@ def fastest_rate(chain: Chain) -> float:
     return max(mechanism_of([check_chain(chain)]).axial_rates()[0], swinging_rate(chain))
 
 
-def count_parts(chain: Chain, duration: float, step: float) -> int:
+def count_parts(chain: Chain, duration: float, step: float, name: str = "duration") -> int:
     """Return how many steps a duration [s] has, of `step` radians of the fastest mode.
+
+    Errors call it by its `name`.
 
     Raises
     ------
     ValueError, TypeError
         If the duration is no positive number, or has more than 10^8.
     """
-    duration, rate = _checks.positive_number("duration", duration), fastest_rate(chain)
+    duration, rate = _checks.positive_number(name, duration), fastest_rate(chain)
     if duration * rate > _MOST * step:
         raise ValueError(
-            f"duration must be at most {_MOST * step / rate:g} s for this chain, got {duration:g}: "
+            f"{name} must be at most {_MOST * step / rate:g} s for this chain, got {duration:g}: "
             f"its fastest mode swings {rate / (2.0 * np.pi):.3g} times a second"
         )
     return max(1, int(np.ceil(duration / (step / rate) - 1e-9)))
 
 
-def record(
-    chain: Chain, state: FloatArray, *, pivot_acceleration: Any = None, **arguments: Any
-) -> dict[str, Any]:
-    """Return the record of what made a result: a chain, its state at the start, and arguments."""
+def record(chain: Chain, state: FloatArray, **arguments: Any) -> dict[str, Any]:
+    """Return the record of what made a result: a chain, its state at the start, and arguments.
+
+    Drives are named among these, unless they have their defaults.
+    """
     halves = zip(("theta", "omega"), np.split(state, 2), strict=True)
     start = {name: half[: chain.n].tolist() for name, half in halves}
-    if isinstance(pivot_acceleration, Signal):
-        samples = len(np.asarray(pivot_acceleration.values))
-        arguments["pivot_acceleration"] = f"{samples} samples, {pivot_acceleration.kind}"
-    elif callable(pivot_acceleration):
-        arguments["pivot_acceleration"] = f"function {Function(pivot_acceleration).name}"
-    elif pivot_acceleration is not None:
-        arguments["pivot_acceleration"] = np.asarray(pivot_acceleration, float).tolist()
+    named = {name: described(arguments.pop(name, None)) for name in UNDRIVEN}
+    arguments |= {name: drive for name, drive in named.items() if drive not in (None, 0.0)}
     return provenance({"chain": chain.as_dict(), **start, **arguments})

@@ -216,12 +216,15 @@ def _check_alone(
     here: FloatArray,
 ) -> None:
     """Refuse a function that returns something else than `here` in states nearby."""
-    for state in ((q + 0.1, u), (q, u + 0.1)):
+    change = 0.1 * np.sqrt(np.arange(1.0, q.size + 1.0))  # changes what lies between rods, too
+    for state in ((q + change, u), (q, u + change)):
         if not np.array_equal(here, called(name, function, t, *state)):
             raise ValueError(
                 f"{name} must depend on time alone where motions are differentiated, but "
-                f"{getattr(function, '__name__', 'the function')} says something else in another "
-                "state: take the steps of DifferentiableEnsemble for feedback"
+                f"{getattr(function, '__name__', 'the function')} returns something else in "
+                "another state, and its derivative is not known: give resistance to the chain "
+                "(damping, friction, drag), or take the steps of DifferentiableEnsemble for "
+                "feedback"
             )
 
 

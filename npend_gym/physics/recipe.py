@@ -15,7 +15,7 @@ from npend_gym.physics.drives import Drives, slots
 from npend_gym.physics.kernels.driven import AFTER_TORQUES
 from npend_gym.physics.mechanism import Mechanism
 from npend_gym.physics.motion import Motion
-from npend_gym.physics.signals import TimeVarying, varies
+from npend_gym.physics.signals import Signal, TimeVarying, varies
 
 
 class Function:
@@ -50,6 +50,15 @@ class Function:
         except Exception:  # noqa: BLE001 - lambdas and closures raise different ones
             return Function, (None, self.name)
         return Function, (self.function, self.name)
+
+
+def described(drive: Any, how: str = "") -> Any:
+    """Return a drive as records name it: numbers, samples, or a function and `how` it is called."""
+    if isinstance(drive, Signal):
+        return f"{len(np.asarray(drive.values))} samples, {drive.kind}"
+    if callable(drive):
+        return f"function {(drive if isinstance(drive, Function) else Function(drive)).name}{how}"
+    return None if drive is None else np.asarray(drive, float).tolist()
 
 
 AT_REST = np.zeros(2)  # acceleration of a pivot that functions or signals accelerate

@@ -15,7 +15,7 @@ from npend_gym.physics.equations import States, assembled, slow_start
 from npend_gym.physics.functions import NAMES
 from npend_gym.physics.mechanism import check_lengths, mechanism_of
 from npend_gym.physics.motion import Motion, pack_of
-from npend_gym.physics.recipe import AT_REST, Function, Recipe, drives_of, motion_of
+from npend_gym.physics.recipe import AT_REST, Function, Recipe, described, drives_of, motion_of
 from npend_gym.physics.signals import Signal, varies
 from npend_gym.physics.substeps import longest_step
 
@@ -158,11 +158,6 @@ class Start:
             value = getattr(recipe, name)
             if np.ndim(value) == 2 and np.all(value == value[0]):
                 value = value[0]
-            if isinstance(value, Signal):
-                made[name] = f"{len(np.asarray(value.values))} samples, {value.kind}"
-            elif isinstance(value, Function):
-                how = "compiled" if self._callbacks else "in Python"
-                made[name] = f"function {value.name}, {how}"
-            elif value is not None and np.ndim(value) < 2:
-                made[name] = value.tolist() if isinstance(value, np.ndarray) else value
+            if value is not None and np.ndim(value) < 2:
+                made[name] = described(value, ", compiled" if self._callbacks else ", in Python")
         return made
