@@ -10,6 +10,7 @@ import copy
 import io
 import pickle
 import tempfile
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -316,13 +317,13 @@ def _shaken_keywords(m: Mechanism) -> dict[str, Any]:
     return {k: v for k, v in m.drives.items() if k == "pivot_acceleration"}
 
 
-def _largest(m: Mechanism) -> None:
-    found = chaos.largest_lyapunov(m.chain, [2.0, 2.0], duration=60.0, **_shaken_keywords(m))
+def _largest(m: Mechanism, **more: Any) -> None:
+    found = chaos.largest_lyapunov(m.chain, [2.0, 2.0], duration=60.0, **m.drives, **more)
     assert np.isfinite(found.exponent)
 
 
-def _spectrum(m: Mechanism) -> None:
-    found = chaos.lyapunov_spectrum(m.chain, [2.0, 2.0], duration=5.0, **_shaken_keywords(m))
+def _spectrum(m: Mechanism, **more: Any) -> None:
+    found = chaos.lyapunov_spectrum(m.chain, [2.0, 2.0], duration=5.0, **(m.drives | more))
     if not _loses(m.chain):
         _near(found.exponents.sum(), 0.0, 1e-8)
         _near(found.exponents, -found.exponents[::-1], 1e-6)
@@ -330,14 +331,34 @@ def _spectrum(m: Mechanism) -> None:
         assert found.exponents.sum() < 0.0
 
 
-def _megno(m: Mechanism) -> None:
-    found = chaos.megno(m.chain, [0.2, 0.2], duration=60.0, **_shaken_keywords(m))
+def _spectrum_by_signal(m: Mechanism) -> None:
+    times = np.linspace(0.0, 5.0, 21)
+    more: dict[str, Any] = {"torque": Signal(times, np.sin(times), "linear")}
+    if callable(m.drives.get("pivot_acceleration")):
+        more["pivot_acceleration"] = Signal(times, np.array([shaken(t) for t in times]), "linear")
+    _spectrum(m, **more)
+
+
+def _megno(m: Mechanism, **more: Any) -> None:
+    found = chaos.megno(m.chain, [0.2, 0.2], duration=60.0, **m.drives, **more)
     assert np.isfinite(found.value)
 
 
-def _section(m: Mechanism) -> None:
-    found = chaos.poincare_section(m.chain, THETA, duration=8.0, **_shaken_keywords(m))
+def _section(m: Mechanism, **more: Any) -> None:
+    found = chaos.poincare_section(m.chain, THETA, duration=8.0, **m.drives, **more)
     _near(np.sin(found.theta[:, 0]), 0.0, 1e-8)
+
+
+def _stroboscopic_section(m: Mechanism) -> None:
+    drives = m.drives | {"torque": push}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the pivot is shaken with other periods
+        found = chaos.stroboscopic_section(
+            m.chain, THETA, period=2.0 * np.pi / 3.0, count=2, **drives
+        )
+    own = {"rtol": 1e-12, "atol": 1e-14}
+    motion = simulate(m.chain, THETA, 0.0, np.append(0.0, found.times), **drives, **own)
+    _near(found.omega, motion.omega[1:], 1e-6)
 
 
 def _orbits(m: Mechanism) -> None:
@@ -509,7 +530,13 @@ ROWS: dict[str, Callable[[Mechanism], None]] = {
     "chaos.largest_lyapunov": _largest,
     "chaos.lyapunov_spectrum": _spectrum,
     "chaos.megno": _megno,
+    "chaos.largest_lyapunov, torque as a function of time": lambda m: _largest(m, torque=push),
+    "chaos.lyapunov_spectrum, torque as a function of time": lambda m: _spectrum(m, torque=push),
+    "chaos.lyapunov_spectrum, torque as a Signal": _spectrum_by_signal,
+    "chaos.megno, torque as a function of time": lambda m: _megno(m, torque=push),
     "chaos.poincare_section": _section,
+    "chaos.poincare_section, torque as a function": lambda m: _section(m, torque=push),
+    "chaos.stroboscopic_section": _stroboscopic_section,
     "chaos.periodic_orbits": _orbits,
     "chaos.flip_times": _flips,
     "accelerations": _accelerations,

@@ -53,6 +53,9 @@ LONG = {
         measure.__name__: partial(measure, Chain.uniform(300), 1.0, duration=1e4)
         for measure in (chaos.lyapunov_spectrum, chaos.megno, chaos.poincare_section)
     },
+    "stroboscopic_section": lambda: chaos.stroboscopic_section(
+        Chain.uniform(300), 1.0, period=1.0, count=10_000
+    ),
     "orbits": lambda: chaos.periodic_orbits(Chain.uniform(60), 59, amplitudes=[2.0]),
     "flips": lambda: chaos.flip_times(DOUBLE, ANGLES + np.sign(ANGLES), duration=1e4),
 }
