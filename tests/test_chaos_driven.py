@@ -265,8 +265,8 @@ def braked(_t, _theta, omega):
     return -omega[0]
 
 
-def sprung(_t, theta, _omega):
-    return theta[0] - theta[1]
+def pushed_apart(_t, _theta, omega):
+    return np.sign(omega[0] - omega[1])  # the same where both rods turn faster
 
 
 def braked_late(t, _theta, omega):
@@ -277,7 +277,7 @@ def braked_late(t, _theta, omega):
     ("drives", "message"),
     [
         ({"torque": braked}, "torque must depend on time alone.*not known: give resistance to the"),
-        ({"torque": sprung}, "torque must depend on time alone"),
+        ({"torque": pushed_apart}, "torque must depend on time alone"),
         ({"torque": braked_late}, "torque must depend on time alone"),
         ({"force": np.cos}, "force acts on a cart: the chain must have base"),
         ({"force": 1.0}, "force is that of a cart"),

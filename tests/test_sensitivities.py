@@ -302,6 +302,7 @@ def test_motions_without_derivatives_are_refused_by_name():
     for torque in (
         lambda _t, _theta, omega: -0.1 * omega,
         lambda t, theta, _omega: 1.0 if t < TIMES[1] else -theta[0],
+        lambda _t, _theta, omega: np.sign(omega[0] - omega[1]),
     ):
         fed_back = simulate(chain, 1.0, 0.5, TIMES, torque=torque)
         for derive in (fed_back.sensitivities, lambda made=fed_back: made.gradient(1.0, 0.0)):

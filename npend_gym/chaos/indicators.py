@@ -136,11 +136,20 @@ def largest_lyapunov(
     motion has. Where a motion stays near islands of regular motion for long, no estimate sees what
     comes after.
 
+    Neighbours of a driven motion have the same drive at the same time: the exponent that time has
+    of its own, 0, is left out. In no step with a function does the fastest mode turn by more than
+    0.5 rad. Give shorter pulses as a `Signal`.
+
     Examples
     --------
+    >>> import numpy as np
     >>> from npend_gym import Chain, chaos
     >>> found = chaos.largest_lyapunov(Chain.uniform(2), [2.0, 2.0], duration=100.0)
     >>> found.exponent > 0.3  # 1/s: chaotic
+    True
+    >>> pendulum = Chain.uniform(1, gravity=1.0, damping=0.5)  # -theta'/2 - sin theta + torque
+    >>> drive = lambda t: 1.5 * np.cos(2.0 * t / 3.0)
+    >>> chaos.largest_lyapunov(pendulum, 0.2, duration=900.0, torque=drive).chaotic
     True
     """
     drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}

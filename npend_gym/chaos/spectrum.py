@@ -105,7 +105,9 @@ def lyapunov_spectrum(
     basis, partners last to first: exponents then come in pairs +-lambda and add up to zero at any
     time, to the error of the integration. In (theta, omega) the sum has the term [log
     det M(start) - log det M(end)] / t besides. With damping, the sum at any time is the mean of the
-    flow's divergence, of -trace(M^-1 D) if the damping torques are -D omega.
+    flow's divergence, of -trace(M^-1 D) if the damping torques are -D omega. A drive changes none
+    of this. Time and a pivot whose motion is prescribed have exponents of their own, 0, which are
+    left out.
 
     Examples
     --------
