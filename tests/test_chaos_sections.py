@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from variational import KINDS, PENDULUM, PERIOD, cosine, flow, pendulum_rates
 
-from npend_gym import Chain, chaos, simulate
+from npend_gym import Chain, Signal, chaos, simulate
 
 # Baker and Gollub's table of attractors: after how many periods they repeat
 ATTRACTORS = {0.9: 1, 1.07: 2, 1.15: None, 1.35: 1, 1.45: 2, 1.47: 4, 1.5: None}
@@ -67,6 +67,15 @@ def test_the_drive_of_a_section_may_depend_on_the_state():
     by_feedback = chaos.stroboscopic_section(free, 0.2, torque=braked, **given)
     by_damping = chaos.stroboscopic_section(PENDULUM, 0.2, torque=cosine(1.35), **given)
     np.testing.assert_allclose(by_feedback.omega, by_damping.omega, atol=1e-6)
+
+
+def test_a_drive_is_not_asked_for_what_it_is_after_the_motion():
+    samples = Signal([0.0, PERIOD], [1.0, 1.0])
+    once = chaos.stroboscopic_section(
+        PENDULUM, 0.2, period=PERIOD, count=1, torque=lambda t: 0.0 + samples(t)
+    )
+    alike = chaos.stroboscopic_section(PENDULUM, 0.2, period=PERIOD, count=1, torque=1.0)
+    np.testing.assert_allclose(once.omega, alike.omega, atol=1e-9)
 
 
 def test_the_period_of_a_section_is_that_of_an_orbit_too_and_no_other_number():

@@ -243,7 +243,8 @@ def stroboscopic_section(
     longest = period / _STEPS
     motion = motion_of(chain, theta, omega, rtol, drives, times, longest=longest, alone=False)
     motion.mechanism.check_vibrations(float(times[-1]))
-    _warn_of_period(motion, period)
+    if total > 1:  # what a function returns after the motion is nobody's concern
+        _warn_of_period(motion, period)
     m, segments, done = motion.mechanism.size, motion.segments(times), 0
     states = np.empty((total + 1, 2 * m))
     for mark in progress([total * k // 100 for k in range(1, 101)]):
