@@ -192,8 +192,8 @@ def sensitivities(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule, `simulate` did not make the motion, an event ended it, the
-        chain rests in steps too long for it, or the derivatives would take more than 8 GB.
+        If an argument breaks its rule, `simulate` did not make the motion, an event ended it, or
+        the derivatives would take more than 8 GB. If the chain rests in steps too long for them.
     FloatingPointError
         If derivatives grow beyond all bounds.
 
@@ -335,8 +335,8 @@ def _check_rest(trajectory: Trajectory, motion: Motion, tape: Tape) -> None:
     longest = float(tape.steps.lengths[rests].max())
     if longest * rate > LONGEST_PHASE * (1.0 + 1e-9):
         raise ValueError(
-            f"dt must be at most {0.99 * LONGEST_PHASE / rate:.3g} s in `simulate` for derivatives of a "
-            f"chain at rest; got {longest:.3g} s, the length of a step"
+            f"dt must be at most {0.99 * LONGEST_PHASE / rate:.3g} s in `simulate` for derivatives "
+            f"of a chain at rest; got {longest:.3g} s, the length of a step"
         )
 
 
