@@ -402,6 +402,7 @@ def swings(motion_file):
 
 ONE, TWO = Chain([0.5], [0.689], damping=0.008), Chain([0.5, 0.3], [0.4, 0.3], damping=0.003)
 LENGTHS = {1: ["--lengths", "0.689"], 2: ["--lengths", "0.4,0.3", "--masses", "0.5,0.3"]}
+DAMPING = [*LENGTHS[2], "--fit", "damping"]
 
 
 @pytest.mark.long
@@ -412,7 +413,7 @@ LENGTHS = {1: ["--lengths", "0.689"], 2: ["--lengths", "0.4,0.3", "--masses", "0
         (ONE, 1.2, lambda m: np.degrees(m.theta), LENGTHS[1], "degrees: np.radians converts"),
         (TWO, 0.3, lambda m: np.degrees(m.theta), LENGTHS[2], "or give --degrees of npend"),
         (ONE, 0.45, lambda m: m.omega, LENGTHS[1], "angular velocities, as a gyroscope"),
-        (TWO, 0.8, lambda m: np.diff(m.theta, axis=1, prepend=0.0), LENGTHS[2], "give --relative"),
+        (TWO, 0.8, lambda m: np.diff(m.theta, axis=1, prepend=0.0), DAMPING, "give --relative"),
         (ONE, 0.9, lambda m: m.theta - np.pi, LENGTHS[1], "upright: add np.pi to them"),
         (ONE, 0.5, lambda m: m.theta, ["--lengths", "68.9"], "place of 1 kg: centimetres"),
         (TWO, 0.5, lambda m: m.theta, ["--lengths", "40,30"], "otherwise than the data"),

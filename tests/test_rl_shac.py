@@ -217,7 +217,7 @@ def test_ranges_are_wider_in_training_than_in_the_record():
 
 @pytest.mark.long
 def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
-    settings = settings_of("swingup-2-pendubot", total_timesteps=48_000)
+    settings = settings_of("swingup-2-pendubot", total_timesteps=32_000)
     policy, curve = train(settings)
     assert curve[-1]["success"] == 1.0
     assert policy.env["chain"]["inertias"] != [0.0, 0.0]
