@@ -294,6 +294,7 @@ def test_gymnasiums_vector_wrappers_refuse_autoreset_modes_as_the_page_says(name
 
 
 def test_call_renders_as_gymnasiums_own_vector_environments_do():
+    pytest.importorskip("pygame", reason="pygame is not installed")
     keywords = {"n": 2, "render_mode": "rgb_array", "render_size": 60}
     envs = [
         gym.make_vec("npend/SwingUp-v1", num_envs=2, vectorization_mode=mode, **keywords)

@@ -19,21 +19,27 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from npend_gym import Chain, simulate
-from npend_gym.physics import Event, sensitivities
+from npend_gym.physics import Event
 from suites.timing import Job, Peers, Row, rates
 
 RUNS = 5
 WORKERS = 8
 OURS = "npend/SwingUp-v1"
-# Run in a process: what is waited for, its own time [s], and its memory [MB]
+# Run in a process: what is waited for, its own time [s], and its memory [MB]: on Linux that of the
+# program alone, for `ru_maxrss` begins with the memory of the process that started it
 STEP = """
-import resource, time
+import pathlib, re, resource, sys, time
 {imports}
 {make}
 env.reset()
 env.step({action})
-used = resource.getrusage(resource.RUSAGE_SELF)
-print(time.process_time(), used.ru_maxrss / 1024)
+most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+if sys.platform == "linux":
+    status = pathlib.Path("/proc/self/status").read_text()
+    most = int(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1])
+elif sys.platform == "darwin":
+    most /= 1024
+print(time.process_time(), most / 1024)
 """
 GYMNASIUM = STEP.format(
     imports="import gymnasium as gym\n{package}",
@@ -171,7 +177,7 @@ def calls() -> Iterator[Row]:
 
     def derived(**more: Any) -> Callable[[], object]:
         motion = simulate(chain, start, 0.0, times, **more)
-        return lambda: sensitivities(motion)
+        return motion.sensitivities
 
     pairs = {
         "simulate with torque=f": (free(), free(torque=push)),
