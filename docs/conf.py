@@ -137,7 +137,7 @@ def results(name: str) -> list[dict[str, str]]:
 
 
 SHOWN = "links"  # the case whose table has all engines
-SUITES = "dynamics", "environments", "episodes", "derivatives", "chaos", "ensembles"
+SUITES = "start", "dynamics", "environments", "episodes", "derivatives", "chaos", "ensembles"
 myst_substitutions = {suite: benchmark(suite) for suite in SUITES} | {"learning": of_learning()}
 myst_substitutions |= {
     table.__name__: table()

@@ -15,6 +15,7 @@ from oracle import box_muller, numpys_philox
 from scripts import run_uncompiled
 
 from npend_gym._streams import Purpose
+from npend_gym.compiled import intrinsics  # noqa: F401 - Numba then knows packs
 from npend_gym.compiled.arrays import aligned_zeros, bare, packs
 from npend_gym.compiled.exponential import one_minus_exp
 from npend_gym.compiled.jit import kernel
