@@ -247,6 +247,39 @@ def test_steps_of_a_chain_at_rest_that_are_too_long_for_derivatives_are_refused(
         np.testing.assert_allclose([*found.by_theta, *found.by_omega], expected, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("chain", "theta", "more"),
+    [
+        (Chain.uniform(2, base=Cart(1.0)), 0.0, {"velocity": 0.5}),
+        (Chain.uniform(2), 0.0, {"pivot_acceleration": (0.0, 1.0)}),
+        (Chain.uniform(2), 0.0, {"pivot_acceleration": (0.0, 0.0), "velocity": (0.3, 0.0)}),
+        (Chain.uniform(2), np.pi, {}),  # the sine of pi is not 0: it leaves within the tolerance
+        (Chain.uniform(2, damping=5.0, gravity=0.0), 0.0, {}),
+        (Chain.uniform(2, stiffness=1e3), 0.0, {}),
+    ],
+    ids=["rolling", "accelerated", "carried along", "upright", "damped", "springs"],
+)
+def test_rods_that_rest_on_a_base_that_moves_or_to_the_tolerance_alone_are_refused(
+    chain, theta, more
+):
+    times = np.linspace(0.0, 3.0, 3)  # until it falls, changes grow by 10^8
+    with pytest.raises(ValueError, match="dt must be at most") as refused:
+        simulate(chain, theta, 0.0, times, **more).sensitivities()
+    longest = float(str(refused.value).split("at most ")[1].split(" s")[0])
+    found, exact = (
+        simulate(chain, theta, 0.0, times, dt=dt, **more).sensitivities().A
+        for dt in (longest, longest / 4.0)
+    )
+    np.testing.assert_allclose(found, exact, atol=1e-6 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("more", [{"gravity": 0.0}, {}], ids=["no gravity", "free fall"])
+def test_rods_that_nothing_pulls_rest_in_any_step(more):
+    drives = {} if more else {"pivot_acceleration": (0.0, -Chain.uniform(2).gravity)}
+    motion = simulate(Chain.uniform(2, **more), 0.0, 0.0, np.linspace(0.0, 10.0, 3), **drives)
+    np.testing.assert_allclose(motion.sensitivities().A[-1, 0, [0, -2 if more else 4]], [1.0, 10.0])
+
+
 def test_a_motion_carries_its_own_velocity_along():
     """Where nothing depends on time, d (theta, omega)/dt is a tangent vector, in closed form."""
     chain, times = Chain([1.0, 2.0], [1.0, 0.5]), np.linspace(0.0, 4.0, 41)

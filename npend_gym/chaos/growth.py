@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
-from npend_gym.chaos.variations import count_parts, fastest_rate, motion_of, tangents
+from npend_gym.chaos.variations import count_parts, motion_of, tangents
 from npend_gym.physics import mass_matrix, simulate
 from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.motion import Motion
 from npend_gym.physics.sensitivities import carry
+from npend_gym.physics.substeps import fastest_rate
 
 STEP = 0.1  # between the instants of `Growth`, in radians of the fastest normal mode
 

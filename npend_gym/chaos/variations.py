@@ -15,14 +15,13 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.integration import check_times
-from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
+from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.motion import Motion
 from npend_gym.physics.recipe import described
 from npend_gym.physics.sensitivities import carry
 from npend_gym.physics.signals import TimeVarying
 from npend_gym.physics.start import Start
-from npend_gym.physics.substeps import LONGEST_PHASE, lighter, swinging_rate
-from npend_gym.theory.modes import decay_rate
+from npend_gym.physics.substeps import LONGEST_PHASE, fastest_decay, fastest_rate
 
 _MOST = 10**8  # parts of a motion
 UNDRIVEN: Mapping[str, Any] = {"torque": None, "force": 0.0, "pivot_acceleration": None}
@@ -131,29 +130,10 @@ def motion_of(
     return motion
 
 
-def fastest_decay(chain: Chain) -> float:
-    """Return a bound of the rate [1/s] at which dampers, drag and dry friction act, or 0."""
-    rate = mechanism_of([chain]).axial_rates()[1]
-    damping = chain.damping + chain.friction / chain.friction_speed  # where friction is steepest
-    if np.any(damping) or np.any(chain.drag):
-        rate = max(rate, lighter(chain) * decay_rate(chain.hung(), damping, chain.drag))
-    if chain.base is not None:
-        rate = max(rate, lighter(chain) * chain.base.damping / chain.base.mass)
-    return rate
-
-
 def loses_energy(chain: Chain) -> bool:
     """Return whether damping, drag or dry friction takes energy from the chain."""
     resists = np.any(chain.damping) or np.any(chain.friction) or np.any(chain.axial_damping)
     return chain.has_drag or bool(resists) or (chain.base is not None and chain.base.damping > 0.0)
-
-
-def fastest_rate(chain: Chain) -> float:
-    """Return the angular frequency [rad/s] of the fastest normal mode; 1 rad/s without gravity.
-
-    On a cart and with springs it is a bound of it.
-    """
-    return max(mechanism_of([check_chain(chain)]).axial_rates()[0], swinging_rate(chain))
 
 
 def count_parts(chain: Chain, duration: float, step: float, name: str = "duration") -> int:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
 from npend_gym.physics.arguments import check_inputs
 from npend_gym.physics.dense import check_same, retaken
 from npend_gym.physics.directions import by_names, check_directions, check_names, row_count
@@ -24,7 +25,7 @@ from npend_gym.physics.kernels.tape import (
     new_scratch,
 )
 from npend_gym.physics.motion import Motion, TakenSteps
-from npend_gym.physics.substeps import LONGEST_PHASE, swinging_rate
+from npend_gym.physics.substeps import LONGEST_PHASE, rate_at_rest
 from npend_gym.physics.trajectory import Trajectory
 
 _WORK = 10_000_000  # of one call, in stages times rods times changes: Ctrl-C is heard after it
@@ -193,7 +194,7 @@ def sensitivities(
     ------
     ValueError, TypeError
         If an argument breaks its rule, `simulate` did not make the motion, an event ended it, or
-        the derivatives would take more than 8 GB. If the chain rests in steps too long for them.
+        the derivatives would take more than 8 GB. Rods must not rest in steps too long for them.
     FloatingPointError
         If derivatives grow beyond all bounds.
 
@@ -228,7 +229,7 @@ def sensitivities(
     whole[0], reached = states, state
     carried = carry(motion, trajectory.times, states, loads, changed, names=parameters or ())
     for where, frames, tape in carried:
-        _check_rest(trajectory, motion, tape)
+        _check_rest(trajectory.chain, motion, tape)
         whole[where], reached = frames, tape.after
     check_same(reached, trajectory)
     columns = whole.swapaxes(1, 2)
@@ -283,7 +284,7 @@ def gradient(
     chain_bar = np.zeros((row_count(type(motion.arrays)) if names else 0, n))
     kept, held = list[Tape](), 0
     for tape in tapes(motion, trajectory.times):
-        _check_rest(trajectory, motion, tape)
+        _check_rest(trajectory.chain, motion, tape)
         kept.append(tape)
         held += tape.steps.states.nbytes + tape.loads.nbytes
         if held > _MAX_BYTES:
@@ -321,18 +322,19 @@ def _retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
     return motion, state
 
 
-def _check_rest(trajectory: Trajectory, motion: Motion, tape: Tape) -> None:
-    """Refuse adaptive steps in which a chain rests, and small changes of it do not.
+def _check_rest(chain: Chain, motion: Motion, tape: Tape) -> None:
+    """Refuse adaptive steps in which rods rest, to the tolerance, and small changes of them do not.
 
-    No error limits such a step, and in a long one the method is unstable.
+    No error limits such a step, and in a long one the method is unstable. The base may move.
     """
-    states = np.vstack([tape.steps.states, tape.after])
-    rests = ~np.any(np.diff(states, axis=0), axis=1)
-    if motion.method != "dop853" or not rests.any():
+    if motion.method != "dop853":
         return
-    stiff = motion.mechanism.axial_rates()[0]
-    rate = max(stiff, swinging_rate(trajectory.chain) if trajectory.chain.gravity else 0.0)
-    longest = float(tape.steps.lengths[rests].max())
+    changes = np.abs(np.diff(np.vstack([tape.steps.states, tape.after]), axis=0))
+    m, n = motion.mechanism.size, chain.n
+    rods = [*range(n), *(range(m - n, m) if chain.stiffness is not None else ())]
+    moved = changes.reshape(-1, 2, m)[..., rods].max(axis=(1, 2))
+    longest = float(tape.steps.lengths[moved <= motion.settings["atol"]].max(initial=0.0))
+    rate = rate_at_rest(chain, motion.mechanism.pivot_acceleration)
     if longest * rate > LONGEST_PHASE * (1.0 + 1e-9):
         raise ValueError(
             f"dt must be at most {0.99 * LONGEST_PHASE / rate:.3g} s in `simulate` for derivatives "

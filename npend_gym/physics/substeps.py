@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters
+from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters, check_chain
+from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
 from npend_gym.theory.modes import any_faster, decay_rate, fastest_frequency
 
 MAX_SUBSTEPS = 100_000
@@ -55,6 +56,36 @@ def swinging_rate(chain: Chain) -> float:
     On a cart it is a bound.
     """
     return (fastest_frequency(chain.hung()) or 1.0) * math.sqrt(lighter(chain))
+
+
+def fastest_rate(chain: Chain) -> float:
+    """Return the angular frequency [rad/s] of the fastest normal mode; 1 rad/s without gravity.
+
+    On a cart and with springs it is a bound of it.
+    """
+    return max(mechanism_of([check_chain(chain)]).axial_rates()[0], swinging_rate(chain))
+
+
+def fastest_decay(chain: Chain) -> float:
+    """Return a bound of the rate [1/s] at which dampers, drag and dry friction act, or 0."""
+    rate = mechanism_of([chain]).axial_rates()[1]
+    damping = chain.damping + chain.friction / chain.friction_speed  # where friction is steepest
+    if np.any(damping) or np.any(chain.drag):
+        rate = max(rate, lighter(chain) * decay_rate(chain.hung(), damping, chain.drag))
+    if chain.base is not None:
+        rate = max(rate, lighter(chain) * chain.base.damping / chain.base.mass)
+    return rate
+
+
+def rate_at_rest(chain: Chain, acceleration: ArrayLike | None) -> float:
+    """Return a bound of the rate [1/s] at which small changes of a chain at rest turn or decay.
+
+    Its pivot may have a constant `acceleration` [m/s^2]. The rate is 0 where nothing pulls: rods
+    then go on as they go, exactly in any step.
+    """
+    felt = in_frame_of_pivot(chain, acceleration)
+    pulled = felt.gravity > 0.0 or chain.stiffness is not None
+    return max(fastest_rate(felt) if pulled else 0.0, fastest_decay(chain))
 
 
 def lighter(chain: Chain) -> float:
