@@ -38,7 +38,7 @@ GOLDEN: dict[str, str] = {
     "simulate, drag":
         "f05dc6231a8b15f2bb5713d86485b9eee9b100cb6dd91cff0e5c579ea977c9e1",
     "simulate, springs":
-        "d593bb43b3b3a7e798c84af92c7d1315c3ea7318b70d689dca033ad966b0102d",
+        "1fd01aa99ebe44f1ed936b4435ab03012b0e9d1a116bc259cc636fc4312feeb8",
     "pseudo-periods, bob":
         "79f893c0ebf178d6382c004f054e2ee301c1bb5d72472804473a42710975dc1e",
     "pseudo-periods, link":

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from test_derivatives import PARAMETERS, Varied
 
 from npend_gym import Cart, Chain, Event, Signal, Trajectory, simulate
-from npend_gym.physics import accelerations
+from npend_gym.physics import DifferentiableEnsemble, accelerations
 from npend_gym.physics.dense import retaken
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
@@ -349,8 +349,8 @@ def test_motions_without_derivatives_are_refused_by_name():
     for derive in (other.sensitivities, lambda: other.gradient(1.0, 1.0)):
         with pytest.raises(ValueError, match="does not end where its start and settings lead"):
             derive()
-    with pytest.raises(ValueError, match="inertias cannot be differentiated for this kind"):
-        made.gradient(1.0, 0.0, ["inertias"])
+    with pytest.raises(ValueError, match="stiffness cannot be differentiated for this kind"):
+        made.gradient(1.0, 0.0, ["stiffness"])
     with pytest.raises(TypeError, match=r"list of names such as \('masses',\), got 'masses'"):
         made.gradient(1.0, 0.0, "masses")
     for name, value, rule in (
@@ -377,26 +377,46 @@ def test_motions_without_derivatives_are_refused_by_name():
 
 
 @pytest.mark.parametrize(
-    ("chain", "name"),
-    [
-        (Chain.acrobot(), "drag"),
-        (Chain.uniform(2), "armature"),
-        (Chain.uniform(2), "stiffness"),
-        (Chain.uniform(2, stiffness=1e3), "inertias"),
-    ],
+    "chain",
+    [Chain.acrobot(), Chain.uniform(2), Chain.uniform(2, base=Cart(1.0), damping=0.1)],
+    ids=["links", "bobs", "cart"],
 )
-def test_a_chain_made_as_the_refusal_of_a_parameter_says_can_be_differentiated_by_it(chain, name):
-    direction = {name: [[1.0, 0.0]]}
+@pytest.mark.parametrize("name", ["drag", "quadratic_drag", "friction", "armature", "inertias"])
+def test_motions_are_differentiated_by_parameters_that_are_zero(chain, name):
+    h, given = 1e-6, {"rtol": 1e-12, "atol": 1e-14}
+    own = np.array(getattr(chain, name))
+    ends = [
+        simulate(Chain.from_dict(chain.as_dict() | {name: own + k * h}), 1.0, 0.3, TIMES, **given)
+        for k in (0, 1, 2)
+    ]
+    near = [end.theta[-1] for end in ends]
+    expected = (4.0 * near[1] - near[2] - 3.0 * near[0]) / (2.0 * h)  # none may be below zero
+    found = ends[0].sensitivities(parameters={name: np.ones((1, 2))}).C[-1, :2, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
+    by_all = ends[0].gradient(1.0, 0.0, [name]).by_parameters[name].sum()
+    whole = ends[0].sensitivities(parameters={name: np.ones((1, 2))}).C[:, :2, 0].sum()
+    np.testing.assert_allclose(by_all, whole, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("chain", "name"),
+    [(Chain.acrobot(), "drag"), (Chain.uniform(2), "armature"), (Chain.uniform(2), "inertias")],
+)
+def test_an_ensemble_made_as_the_refusal_of_a_parameter_says_can_be_differentiated(chain, name):
+    def derive(of):
+        ensemble = DifferentiableEnsemble(of, 2)
+        ensemble.set_state(slice(None), 0.3)
+        return ensemble.step_vjp(0.0, 0.01, theta_bar=1.0, omega_bar=0.0, parameters=[name])[-1][
+            name
+        ]
+
     with pytest.raises(ValueError, match=f"{name} cannot be differentiated") as refused:
-        simulate(chain, 0.3, 0.0, TIMES).sensitivities(parameters=direction)
-    given = chain.as_dict()
-    if "stiffness=..." in str(refused.value):
-        given["stiffness"] = 1e3
-    else:
-        assert "give it dry friction, friction=1e-30 at least" in str(refused.value)
-        assert ("leave out stiffness" in str(refused.value)) == ("stiffness" in given)
-        for springs in ("stiffness", "axial_damping"):
-            given.pop(springs, None)
-        given["friction"] = 1e-30
-    motion = simulate(Chain.from_dict(given), 0.3, 0.0, TIMES)
-    assert motion.sensitivities(parameters=direction).C.shape[-1] == 1
+        derive(chain)
+    assert "give it rotors, armature=1e-30 at least" in str(refused.value)
+    assert np.all(np.isfinite(derive(Chain.from_dict(chain.as_dict() | {"armature": 1e-30}))))
+
+
+def test_a_chain_of_rigid_rods_has_no_stiffness_to_differentiate_by():
+    motion = simulate(Chain.uniform(2), 0.3, 0.0, TIMES)
+    with pytest.raises(ValueError, match=r"simulate a chain with springs, Chain\(..., stiffness"):
+        motion.sensitivities(parameters={"stiffness": [[1.0, 0.0]]})

@@ -97,8 +97,11 @@ class ChainParameters(NamedTuple):
 
     def stacked(self) -> FloatArray:
         """Return all parameters in one array, shape (B, 12, n); gravity fills its row."""
-        rows = [row if row.ndim == 2 else row[:, None] for row in self]
-        return np.stack(np.broadcast_arrays(*rows), axis=1)
+        lanes, n = self.masses.shape
+        stacked = np.empty((lanes, len(self), n))
+        for k, row in enumerate(self):
+            stacked[:, k] = row if row.ndim == 2 else row[:, None]
+        return stacked
 
     @classmethod
     def unstacked(cls, rows: FloatArray) -> ChainParameters:

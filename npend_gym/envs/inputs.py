@@ -19,7 +19,7 @@ from npend_gym.envs.goals import check_different, checked_equilibrium
 from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.physics.arguments import warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.link_terms import count_terms, loses_drag
+from npend_gym.physics.kernels.link_terms import count_terms, lacks_terms
 from npend_gym.physics.substeps import MAX_SUBSTEPS, substeps_of
 
 MAX_LANES = 10_000_000
@@ -226,15 +226,17 @@ def _persistence(value: Any, lanes: int) -> BoolArray:
 def _check_changes(config: EnvConfig, changes: Mapping[str, FloatArray]) -> None:
     """Raise a ValueError where chains with `changes` break a rule, or need another kernel."""
     lanes = len(next(iter(changes.values())))
-    chain, made_for = config.chain, count_terms(config.randomization.with_all_features)
+    chain, features = config.chain, config.randomization.with_all_features
+    made_for = count_terms(features, chain.base)
     changed = chain.repeated(lanes, **changes)
-    lost = chain.base is None and loses_drag(changed, made_for)  # a cart has place for it
-    if lost or count_terms(changed) > made_for:
-        alone = {k: count_terms(chain.repeated(lanes, **{k: v})) for k, v in changes.items()}
-        name = next((k for k, count in alone.items() if count > made_for), next(iter(changes)))
+    if lacks_terms(changed, made_for):
+        alone = {k: chain.repeated(lanes, **{k: v}) for k, v in changes.items()}
+        lacking = (k for k, each in alone.items() if lacks_terms(each, made_for))
+        name = next(lacking, next(iter(changes)))
         raise ValueError(
-            f"options[{name!r}] must not turn point masses into links, nor add friction, rotors or "
-            "drag: make the environment with a chain that has them, chain=Chain(...)"
+            f"options[{name!r}] must not turn point masses into links, add friction to them, "
+            "or rotors or drag to links: make the environment with a chain that has them, "
+            "chain=Chain(...)"
         )
     _check_substeps(config, changes)
 

@@ -15,7 +15,8 @@ from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
 from npend_gym.envs.rows import Setting
 from npend_gym.envs.settings import COUNTED, OF_LANES
 from npend_gym.envs.starts import Draw, DrawFields
-from npend_gym.physics.kernels.link_terms import Parameter, count_terms
+from npend_gym.physics.kernels.laws import Parameter
+from npend_gym.physics.kernels.link_terms import count_terms
 
 # Numbers that belong to a lane, beside those of its chain
 SETTINGS = [name for name in OF_LANES if name not in COUNTED]
@@ -61,7 +62,7 @@ class Randomization(NamedTuple):
     @property
     def with_all_features(self) -> ChainParameters:
         """The chain that needs the most of the model."""
-        return max(self.corners, key=count_terms)
+        return max(self.corners, key=lambda each: (count_terms(each), count_terms(each, True)))
 
     @property
     def has_bobs(self) -> bool:

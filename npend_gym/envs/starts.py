@@ -19,8 +19,9 @@ from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
 from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.envs.modes import Mode, NearPose, Release
 from npend_gym.envs.rows import Episode, Pose, Setting
+from npend_gym.physics.kernels.laws import Parameter
 from npend_gym.physics.kernels.layout import Member, Model, Rod
-from npend_gym.physics.kernels.link_terms import Base, Parameter
+from npend_gym.physics.kernels.link_terms import BASE_AT, Base
 from npend_gym.physics.kernels.member_rows import Indices, begin_to_measure, write_chain
 from npend_gym.theory.closed_forms import paper_period
 
@@ -155,17 +156,17 @@ def _cart(
 ) -> None:  # fmt: skip
     width = members.shape[1] // rods.shape[0]
     g, lane, last = k // width, k % width, rods.shape[2] - width
-    if model[2].shape[1] == 0:
+    if model[BASE_AT].shape[1] == 0:
         return
-    model[2][g, Base.INVERSE_MASS, lane] = 1.0 / members[Setting.cart_mass, k]
-    model[2][g, Base.DAMPING, lane] = members[Setting.rail_damping, k]
+    model[BASE_AT][g, Base.INVERSE_MASS, lane] = 1.0 / members[Setting.cart_mass, k]
+    model[BASE_AT][g, Base.DAMPING, lane] = members[Setting.rail_damping, k]
     near = start[Start.SPREAD] if start[Start.KIND] == NEAR_POSE else 0.0
     for row, field in enumerate((Rod.THETA, Rod.OMEGA)):
         u = _stream(keys, k, Purpose.START, members[Episode.EPISODE, k], 2 * (last // width) + row)
         rods[g, field, last + lane] = -near + (near + near) * u
 
 
-@chosen_by_type("model", {0: _no_cart, 1: _no_cart, 3: _cart})
+@chosen_by_type("model", {0: _no_cart, 3: _cart, 4: _cart})
 def _begin_cart(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, k: int, start: FloatArray
 ) -> None:

@@ -13,7 +13,7 @@ from npend_gym.envs.kernels import step_one
 from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Setting, Task, Wiring
 from npend_gym.envs.starts import begin_one
 from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing
-from npend_gym.physics.kernels.link_terms import model_terms
+from npend_gym.physics.kernels.link_terms import BASE_AT, model_terms
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
 from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.substeps import (
@@ -78,7 +78,7 @@ def step_chain(chain: Chain) -> dict[str, Any]:
     substeps, cart = default_substeps(chain, 1.0), chain.base
     if cart is not None:
         substeps = substeps_on_cart(substeps, chain, 1.0, 1.0 / cart.mass, cart.damping)
-        plain |= {"cart": cart.mass, "base": _model_terms(chain)[-1].ravel().tolist()}
+        plain |= {"cart": cart.mass, "base": _model_terms(chain)[BASE_AT].ravel().tolist()}
     return plain | {"hasBobs": chain.has_bobs, "rate": MAX_PHASE * substeps}
 
 

@@ -14,6 +14,7 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.directions import (
+    FEATURES,
     KINDS,
     Kind,
     by_names,
@@ -21,7 +22,7 @@ from npend_gym.physics.directions import (
     check_names,
 )
 from npend_gym.physics.ensemble import Ensemble
-from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
+from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.rk4 import TAPE_ROWS
 from npend_gym.physics.kernels.rk4_derivatives import (
     adjoint_many,
@@ -241,14 +242,19 @@ class DifferentiableEnsemble(Ensemble):
             work = [aligned_zeros(rows, size) for _ in range(memory.threads)]
         self._work = ()  # after an interrupt threads may still write to it, and read the timing
         timing = [each.copy() for each in plan.timing]
-        drag = memory.per_rod(Rod.DRAG)
-        none = (drag == 0.0) & bool({"drag", "quadratic_drag"}.intersection(names))
+        features = [
+            (own, own == 0.0)
+            for feature in FEATURES
+            if not {*feature}.isdisjoint(names) and (own := memory.feature(feature[0])) is not None
+        ]
         try:
-            drag[none] = _checks.SMALLEST  # kernels leave out drag where there is none
+            for own, none in features:
+                own[none] = _checks.SMALLEST  # kernels leave out what there is none of
             whole = plan._replace(piece=max(1, plan.substeps), timing=timing)
             memory.run(kernel, arrays, whole, work)
         finally:
-            drag[none] = 0.0
+            for own, none in features:
+                own[none] = 0.0
         self._work = work
 
     def _states(self, reached: FloatArray) -> tuple[FloatArray, FloatArray]:

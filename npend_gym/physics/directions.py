@@ -11,26 +11,39 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, Parameter
-from npend_gym.physics.kernels.springs import AXIAL_DAMPING, STIFFNESS, SpringArrays
-from npend_gym.physics.kernels.tensions import ChainArrays
+from npend_gym.physics.kernels.laws import AXIAL_DAMPING, STIFFNESS, Parameter
+from npend_gym.physics.kernels.link_terms import (
+    ChainArrays,
+    LinkArrays,
+    MachineArrays,
+    SliderArrays,
+    SpringArrays,
+)
 
-Kind = type[ChainArrays] | type[LinkArrays] | type[MachineArrays] | type[SpringArrays]
+Kind = (
+    type[ChainArrays] | type[LinkArrays] | type[MachineArrays] | type[SpringArrays]
+    | type[SliderArrays]
+)  # fmt: skip
 _OF_POINT_MASSES = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
 _DIFFERENTIABLE: dict[Any, tuple[str, ...]] = {
     ChainArrays: _OF_POINT_MASSES,
-    SpringArrays: (*_OF_POINT_MASSES, "stiffness", "axial_damping"),
-    LinkArrays: ("masses", "lengths", "gravity", "damping", "centres", "inertias"),
+    SpringArrays: (*ChainParameters._fields, "stiffness", "axial_damping"),
+    SliderArrays: (*ChainParameters._fields, "stiffness", "axial_damping"),
+    LinkArrays: tuple(
+        name
+        for name in ChainParameters._fields
+        if name not in ("drag", "quadratic_drag", "armature", "gear")
+    ),
     MachineArrays: ChainParameters._fields,
 }
 # By the number of arrays in the model, `count_terms`
-KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
+KINDS: dict[int, Kind] = {0: ChainArrays, 3: LinkArrays, 4: MachineArrays}
 _ROWS = Parameter._asdict() | {"stiffness": STIFFNESS, "axial_damping": AXIAL_DAMPING}
 
 
 def row_count(kind: Kind) -> int:
     """Return how many rows of parameters kernels have for this kind of chains."""
-    return len(_ROWS) if kind is SpringArrays else len(ChainParameters._fields)
+    return len(_ROWS) if kind in (SpringArrays, SliderArrays) else len(ChainParameters._fields)
 
 
 def check_names(names: Iterable[str], kind: Kind) -> list[str]:
@@ -43,17 +56,37 @@ def check_names(names: Iterable[str], kind: Kind) -> list[str]:
         if name not in known:
             raise ValueError(
                 f"{name} cannot be differentiated for this kind of chain, which has "
-                f"{', '.join(known)}: {_way_out(name, kind)}"
+                f"{', '.join(known)}: {_way_out(name)}"
             )
     return chosen
 
 
-def _way_out(name: str, kind: Kind) -> str:
+def _way_out(name: str) -> str:
     """Return how a chain is made that can be differentiated by the parameter."""
     if name in ("stiffness", "axial_damping"):
-        return "simulate a chain of point masses with springs, Chain(..., stiffness=...)"
-    rigid = "leave out stiffness, and " if kind is SpringArrays else ""
-    return f"{rigid}give it dry friction, friction={_checks.SMALLEST:g} at least"
+        return "simulate a chain with springs, Chain(..., stiffness=...)"
+    return f"give it rotors, armature={_checks.SMALLEST:g} at least"
+
+
+# The first parameter of a feature without which kernels leave it out, and its others
+FEATURES = (
+    ("drag", "quadratic_drag"),
+    ("friction", "friction_speed", "centres", "inertias"),
+    ("armature", "gear"),
+)
+
+
+def with_features(parameters: ChainParameters, names: Iterable[str]) -> ChainParameters:
+    """Return chains for kernels that differentiate by the named parameters.
+
+    What they have not is there, too small to change anything.
+    """
+    least: dict[str, FloatArray] = {}
+    for feature in FEATURES:
+        own = getattr(parameters, feature[0])
+        if not np.any(own) and not {*feature}.isdisjoint(names):
+            least[feature[0]] = np.full_like(own, _checks.SMALLEST)
+    return parameters._replace(**least)
 
 
 def _check_mapping(parameters: Any) -> Mapping[str, ArrayLike]:
@@ -87,7 +120,7 @@ def check_directions(
     changed = np.zeros((count, row_count(kind) if names else 0, n))
     for name, value in directions.items():
         changed[:, _ROWS[name]] = value[:, None] if name == "gravity" else value
-    if "lengths" in names and "centres" not in names and kind not in (ChainArrays, SpringArrays):
+    if "lengths" in names and "centres" not in names and kind is not ChainArrays:
         if np.any(ends.any(axis=0) != ends.all(axis=0)):
             raise ValueError("centres must be given where they are at ends of some rods alone")
         changed[:, Parameter.centres] = np.where(ends[0], changed[:, Parameter.lengths], 0.0)

@@ -4,7 +4,7 @@ In M(theta) alpha = f (the paper's Eq. (eom)) every rod is coupled to every othe
 of a rod is coupled to those of its neighbours only. `accelerations` and `tensions` therefore solve
 a tridiagonal system, in O(n) operations a state and without M, which
 `npend_gym.physics.kernels.tensions` derives. Links with inertia are articulated bodies, solved in
-as few operations by `npend_gym.physics.kernels.links`.
+as few operations by `npend_gym.physics.kernels.recursion`, as are all other mechanisms.
 """
 
 from __future__ import annotations

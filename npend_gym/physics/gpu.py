@@ -228,7 +228,7 @@ def kernel_for(
 def _terms_of(chains: ChainParameters, *, drag: bool) -> int:
     """Return the number of arrays of terms of chains that may get `drag`, see `count_terms`."""
     terms = count_terms(chains)
-    return 3 if drag and terms == 1 else terms
+    return 4 if drag and terms == 3 else terms
 
 
 @cache
@@ -238,9 +238,15 @@ def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
     replaced = {
         advance.mark: threads.no_marks,
         advance.follow_marked: threads.no_following,
-        layout.resists: threads.always if resisted else threads.never,
+        **_known(resisted),
     }
     return DeviceKernel(entry, (terms, KINDS[terms]), dtype, replaced)
+
+
+def _known(resisted: bool) -> dict[Any, Any]:
+    """Return what stands for functions that look for features of chains."""
+    drag = threads.always_drag if resisted else threads.never_drag
+    return {layout.resists: drag, layout.rubs: threads.always, layout.turns: threads.always}
 
 
 @cache
@@ -334,7 +340,7 @@ class DifferentiableDeviceChains(DeviceChains):
 @cache
 def adjoint_kernel(terms: int, resisted: bool, dtype: str) -> DeviceKernel:
     """Return the kernel for chains with this number of arrays of terms, of any number of rods."""
-    replaced = {layout.resists: threads.always if resisted else threads.never}
+    replaced = _known(resisted)
     # point masses are what stands where no number of terms is named
     kinds = {KINDS[terms], Kept, *([terms] if terms else [])}
     return DeviceKernel(threads.adjoints(), kinds, dtype, replaced)

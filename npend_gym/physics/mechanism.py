@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_chain
-from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
-from npend_gym.physics.kernels.link_terms import Base, terms_of_each
-from npend_gym.physics.kernels.springs import spring_arrays
+from npend_gym.physics.kernels.link_terms import AnyArrays, Base, arrays_of, terms_of_each
 
 MAX_VIBRATIONS = 1e9  # along the rods, in the time that is simulated
 PIVOT = ("position", "velocity")  # of a cart, or of a pivot that is accelerated
@@ -73,9 +71,7 @@ class Mechanism(NamedTuple):
 
     def arrays(self) -> AnyArrays:
         """Return them in the form that the kernels take, the lane innermost."""
-        if self.springs is not None:
-            return spring_arrays(self.parameters, *self.springs, base=self.base)
-        return arrays_of(self.parameters, self.base)
+        return arrays_of(self.parameters, self.base, self.springs)
 
     def axial_rates(self) -> tuple[float, float]:
         """Return bounds of how fast springs vibrate and relax [1/s]; zeros for rigid rods.

@@ -16,8 +16,16 @@ from npend_gym.chain import SIMPLE_FIELDS, Cart, Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.advance import MAX_PARTS
+from npend_gym.physics.kernels.laws import Friction
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
-from npend_gym.physics.kernels.link_terms import Base, Joint, Link, check_terms, model_terms
+from npend_gym.physics.kernels.link_terms import (
+    BASE_AT,
+    Base,
+    Link,
+    Rotor,
+    check_terms,
+    model_terms,
+)
 from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure, write_chains
 from npend_gym.physics.substeps import chain_of, check_default
 
@@ -29,11 +37,14 @@ _OF_RODS = {
     "masses": Rod.MASS, "lengths": Rod.LENGTH, "damping": Rod.DAMPING, "drag": Rod.DRAG,
     "quadratic_drag": Rod.QUADRATIC_DRAG,
 }  # fmt: skip
-_OF_LINKS = {"centres": Link.CENTRE, "inertias": Link.INERTIA}
-_OF_JOINTS = {
-    "friction": Joint.FRICTION, "friction_speed": Joint.FRICTION_SPEED,
-    "armature": Joint.ARMATURE, "gear": Joint.GEAR,
-}  # fmt: skip
+# and those in the arrays of the model
+_OF_MODEL: tuple[dict[str, int], ...] = (
+    {"centres": Link.CENTRE, "inertias": Link.INERTIA},
+    {name: row for name, row in zip(map(str.lower, Friction._fields), Friction, strict=True)
+     if name in ChainParameters._fields},
+    {},
+    {"armature": Rotor.ARMATURE, "gear": Rotor.GEAR},
+)  # fmt: skip
 _CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one
 
 
@@ -108,7 +119,9 @@ class Memory:
         )
         if base is not None and self.arrays[2] is not None:
             own = base[:, np.minimum(np.arange(lanes), base.shape[1] - 1)]
-            self.arrays[2][-1][:] = own.reshape(len(base), self.groups, self.width).swapaxes(0, 1)
+            self.arrays[2][BASE_AT][:] = own.reshape(len(base), self.groups, self.width).swapaxes(
+                0, 1
+            )
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._helpers: Helpers | None = None
         self.arrays[0][Member.ACTIVE] = 1.0
@@ -175,10 +188,19 @@ class Memory:
         own = {name: self.read(field) for name, field in _OF_RODS.items()}
         own["gravity"] = self.members[Member.GRAVITY].copy()
         chains = ChainParameters.ideal(*(own[name] for name in SIMPLE_FIELDS))
-        for part, fields in zip(self.arrays[2] or (), (_OF_LINKS, _OF_JOINTS), strict=False):
+        for part, fields in zip(self.arrays[2] or (), _OF_MODEL, strict=False):
             rows = self.gather(self.lanes_of(part))
             chains = chains._replace(**{name: rows[:, row] for name, row in fields.items()})
         return chains
+
+    def feature(self, name: str) -> FloatArray | None:
+        """Return a view of a parameter of all lanes, or None where their kind has none."""
+        if name in _OF_RODS:
+            return self.per_rod(_OF_RODS[name])
+        for part, fields in zip(self.arrays[2] or (), _OF_MODEL, strict=False):
+            if name in fields:
+                return part[:, fields[name]]
+        return None
 
     def new_rows(self, *count: int) -> FloatArray:
         """Return zeros (groups, *count, (n + 1) width): rows as those of `rods`."""
@@ -198,15 +220,16 @@ class Memory:
     def write_base(self, members: Indices, base: FloatArray | None) -> None:
         """Give some members a base, whose rows of `link_terms.Base` are (len(Base), 1)."""
         if base is not None and self.arrays[2] is not None:
-            self.arrays[2][-1][members // self.width, :, members % self.width] = base.T
+            self.arrays[2][BASE_AT][members // self.width, :, members % self.width] = base.T
 
     @property
     def bases(self) -> FloatArray | None:
         """The rows of `link_terms.Base` of the members, (len(Base), B), where bases move."""
         model = self.arrays[2]
-        if model is None or len(model) < 3 or model[-1].shape[1] == 0:
+        if model is None or model[BASE_AT].shape[1] == 0:
             return None
-        return model[-1].swapaxes(0, 1).reshape(model[-1].shape[1], -1)[:, : self.size]
+        rows = model[BASE_AT]
+        return rows.swapaxes(0, 1).reshape(rows.shape[1], -1)[:, : self.size]
 
     def chain(self, member: int) -> Chain:
         """Return the chain of a member, with its cart."""

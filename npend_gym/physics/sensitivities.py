@@ -13,7 +13,13 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics.arguments import check_inputs
 from npend_gym.physics.dense import check_same, retaken
-from npend_gym.physics.directions import by_names, check_directions, check_names, row_count
+from npend_gym.physics.directions import (
+    by_names,
+    check_directions,
+    check_names,
+    row_count,
+    with_features,
+)
 from npend_gym.physics.kernels import dop853, rk4
 from npend_gym.physics.kernels.driven import AFTER_TORQUES, Sampled, Torque
 from npend_gym.physics.kernels.dynamics import AnyArrays
@@ -157,13 +163,8 @@ def carry(
 
 def arrays_for(motion: Motion, names: Collection[str]) -> AnyArrays:
     """Return the chain of a motion for kernels that differentiate by the named parameters."""
-    mechanism = motion.mechanism
-    if not mechanism.parameters.has_drag and {"drag", "quadratic_drag"}.intersection(names):
-        # kernels leave out drag where there is none
-        least = np.full_like(mechanism.parameters.drag, _checks.SMALLEST)
-        parameters = mechanism.parameters._replace(drag=least)
-        return mechanism._replace(parameters=parameters).arrays()
-    return mechanism.arrays()
+    own = with_features(motion.mechanism.parameters, names)
+    return motion.mechanism._replace(parameters=own).arrays()
 
 
 def sensitivities(
@@ -205,14 +206,13 @@ def sensitivities(
     Functions of time and Signals count as given. The motion is integrated once more, with the
     same bits. The time grows as the number of derivatives, the memory is that of the result.
 
-    Parameters of point masses are masses, lengths, gravity, damping, drag and quadratic_drag; with
-    springs also stiffness and axial_damping. Those of links are masses, lengths, gravity, damping,
-    centres and inertias. A rigid chain that has dry friction, a rotor, drag on links or a base that
-    moves has all but those of springs. So ``friction=1e-30`` gives a chain all of them.
+    Parameters are those of `Chain` by name, also where they are zero; stiffness and axial_damping
+    are those of chains that have springs.
     """
     motion, state, n = *_retaken(trajectory), trajectory.chain.n
     wanted = check_inputs(trajectory.chain, joints)
-    directions = check_directions(parameters, n, type(motion.arrays), _ends(motion))
+    kind = type(arrays_for(motion, parameters or ()))
+    directions = check_directions(parameters, n, kind, _ends(motion))
     last = state.size + len(wanted)
     total = last + len(directions)
     bytes_wanted = 8 * state.size * total * trajectory.times.size
@@ -270,7 +270,8 @@ def gradient(
     time for one derivative or all. It holds the state at the beginning of each step.
     """
     motion, state, n = *_retaken(trajectory), trajectory.chain.n
-    names, m = check_names(parameters, type(motion.arrays)), state.size // 2
+    chain = arrays_for(motion, parameters)
+    names, m = check_names(parameters, type(chain)), state.size // 2
     bars = np.zeros((trajectory.times.size, 2 * m))
     for first, (name, given) in zip((0, m), (("theta_bar", theta_bar), ("omega_bar", omega_bar)),
                                     strict=True):  # fmt: skip
@@ -279,9 +280,9 @@ def gradient(
         shape = (trajectory.times.size, width)
         bars[:, first : first + width] = _checks.broadcast(name, values, shape)
     scratch = new_scratch(len(_METHODS[motion.method].tableau), m)
-    chain, mass = arrays_for(motion, names), motion.mechanism.parameters.masses[0].copy()
+    mass = motion.mechanism.parameters.masses[0].copy()
     bar, load_bar = np.zeros(2 * m), np.zeros((1, 1, n + AFTER_TORQUES))
-    chain_bar = np.zeros((row_count(type(motion.arrays)) if names else 0, n))
+    chain_bar = np.zeros((row_count(type(chain)) if names else 0, n))
     kept, held = list[Tape](), 0
     for tape in tapes(motion, trajectory.times):
         _check_rest(trajectory.chain, motion, tape)

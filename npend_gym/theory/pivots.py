@@ -1,6 +1,6 @@
 """Eigenvalues of a hanging chain of links, counted in O(n) and found by halving.
 
-The mass matrix M is factored from the tip of the chain up, as `npend_gym.physics.kernels.links`
+The mass matrix M is factored from the tip of the chain up, as `npend_gym.physics.kernels.recursion`
 does it in any state: the pivot D_i of link i is its inertia about its joint with all that hangs
 below. The same sweep factors mu M - B, with B the matrix of springs, dampers and drag on joints and
 links. By Sylvester's law of inertia, as many D_i are negative as M^(-1) B has eigenvalues above mu.

@@ -17,7 +17,8 @@ from npend_gym.compiled.gpu import DeviceKernel, simulated
 from npend_gym.physics import DifferentiableDeviceChains
 from npend_gym.physics.directions import KINDS, check_names
 from npend_gym.physics.kernels import threads
-from npend_gym.physics.kernels.link_terms import Parameter, check_terms, count_terms
+from npend_gym.physics.kernels.laws import Parameter
+from npend_gym.physics.kernels.link_terms import check_terms, count_terms
 from npend_gym.physics.substeps import MAX_ROTATION, substeps_of
 from npend_gym.torch.checks import DivergedError, check_bars
 

@@ -10,9 +10,14 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import call_function
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
 from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, accelerations_kept
-from npend_gym.physics.kernels.link_terms import Base, LinkArrays, MachineArrays
-from npend_gym.physics.kernels.springs import SpringArrays
-from npend_gym.physics.kernels.tensions import ChainArrays
+from npend_gym.physics.kernels.link_terms import (
+    Base,
+    ChainArrays,
+    LinkArrays,
+    MachineArrays,
+    SliderArrays,
+    SpringArrays,
+)
 
 FORCE, ACROSS, UP = range(3)  # what stands after the torques on n joints
 AFTER_TORQUES = 3
@@ -59,8 +64,9 @@ def _base_that_moves(chain: Any, across: float, up: float) -> None:
     "chain",
     {
         ChainArrays: _base_at_rest,
-        LinkArrays: _base_at_rest,
+        LinkArrays: _base_that_moves,
         SpringArrays: _base_that_moves,
+        SliderArrays: _base_that_moves,
         MachineArrays: _base_that_moves,
     },
 )

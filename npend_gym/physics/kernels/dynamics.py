@@ -1,43 +1,42 @@
 """The equations of motion, one name for all kinds of chains: chosen when a kernel is compiled.
 
-=================  =============================================  ============================
-parameters         chain                                          solved in
-=================  =============================================  ============================
-`ChainArrays`      point masses on massless rods, fixed pivot     `tensions`, the fastest
-`LinkArrays`       links with inertia, viscous joints             `links`
-`MachineArrays`    all chains and bases, with motors, friction    `links`
-`SpringArrays`     point masses on rods that stretch, all bases   `springs`
-=================  =============================================  ============================
-
-A kernel that calls `accelerations` is compiled for the kind of its argument `chain`, so that a kind
-costs nothing where it is not used.
+`link_terms` has a table of them. A kernel that calls `accelerations` is compiled for the kind of
+its argument `chain`, so that a kind costs nothing where it is not used.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from npend_gym._checks import FloatArray
-from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import chosen_by_type, inner_kernel, kernel
-from npend_gym.physics.kernels import links, springs, tensions
-from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, link_arrays
-from npend_gym.physics.kernels.springs import SpringArrays
-from npend_gym.physics.kernels.tensions import ChainArrays, chain_arrays
+from npend_gym.physics.kernels import energies as _energies
+from npend_gym.physics.kernels import recursion, tensions
+from npend_gym.physics.kernels.link_terms import (
+    AnyArrays,
+    ChainArrays,
+    LinkArrays,
+    MachineArrays,
+    SliderArrays,
+    SpringArrays,
+)
 
 WORK_ROWS = 7
 ANSWER_ROWS = 3  # of `respond`
 
-AnyArrays = ChainArrays | LinkArrays | MachineArrays | SpringArrays
+# Features of mechanisms that are not point masses on rigid rods: machine, springs, solid links
+FEATURES: dict[Any, tuple[bool, bool, bool]] = {
+    LinkArrays: (False, False, True),
+    MachineArrays: (True, False, True),
+    SpringArrays: (True, True, False),
+    SliderArrays: (True, True, True),
+}
 
 
-def arrays_of(chains: ChainParameters, base: FloatArray | None = None) -> AnyArrays:
-    """Return the parameters of B chains in the form that the kernels take, the lane innermost.
-
-    `base` has the four entries of `link_terms.Base` where the pivot moves.
-    """
-    if base is None and chains.is_ideal:
-        return chain_arrays(chains)
-    return link_arrays(chains, base)
+def _solvers(kept: bool) -> dict[Any, Callable[..., Any]]:
+    return {kind: recursion.solver(*flags, kept) for kind, flags in FEATURES.items()}
 
 
 def new_work(n: int, width: int = 1) -> FloatArray:
@@ -56,9 +55,7 @@ def copy(source: FloatArray, target: FloatArray) -> None:
     "chain",
     {
         ChainArrays: tensions.solve_tensions,
-        LinkArrays: links.solve_links,
-        MachineArrays: links.solve_machine,
-        SpringArrays: springs.solve_springs,
+        **_solvers(kept=False),
     },
 )
 def accelerations(
@@ -78,9 +75,7 @@ def accelerations(
     "chain",
     {
         ChainArrays: tensions.solve_tensions_kept,
-        LinkArrays: links.solve_links_kept,
-        MachineArrays: links.solve_machine_kept,
-        SpringArrays: springs.solve_springs,
+        **_solvers(kept=True),
     },
 )
 def accelerations_kept(
@@ -95,9 +90,7 @@ def accelerations_kept(
     "chain",
     {
         ChainArrays: tensions.tensions_respond,
-        LinkArrays: links.links_respond,
-        MachineArrays: links.machine_respond,
-        SpringArrays: springs.springs_respond,
+        **{kind: recursion.response(*flags) for kind, flags in FEATURES.items()},
     },
 )
 def respond(
@@ -105,10 +98,10 @@ def respond(
 ) -> None:
     """Write into `alpha` the solution of N alpha = force, N being the mass matrix.
 
-    `force` are moments on each rod alone, not on joints [N m], then a force on a cart [N]; `work`
-    is as `accelerations_kept` left it. N is symmetric: this serves tangents and adjoints. It is one
-    for springs, whose `force` are the accelerations themselves. Point masses leave their force
-    couples and tensions in `answer`, ANSWER_ROWS for work, zero at first.
+    `force` are moments on each rod alone, not on joints [N m], then a force on a cart [N], then
+    forces along springs [N]; `work` is as `accelerations_kept` left it. N is symmetric: this serves
+    tangents and adjoints. Point masses leave their force couples and tensions in `answer`,
+    ANSWER_ROWS for work, zero at first.
     """
     raise NotImplementedError
 
@@ -128,8 +121,8 @@ def derivative(
     "chain",
     {
         ChainArrays: tensions.damping_power,
-        LinkArrays: tensions.damping_power,
-        MachineArrays: links.machine_power,
+        LinkArrays: _energies.link_power,
+        MachineArrays: _energies.link_power,
     },
 )
 def joint_power(u: FloatArray, chain: AnyArrays) -> float:
@@ -141,8 +134,8 @@ def joint_power(u: FloatArray, chain: AnyArrays) -> float:
     "chain",
     {
         ChainArrays: tensions.any_damped,
-        LinkArrays: tensions.any_damped,
-        MachineArrays: links.machine_damped,
+        LinkArrays: _energies.link_damped,
+        MachineArrays: _energies.link_damped,
     },
 )
 def any_power(chain: AnyArrays) -> bool:
@@ -154,8 +147,8 @@ def any_power(chain: AnyArrays) -> bool:
     "chain",
     {
         ChainArrays: tensions.bob_energies,
-        LinkArrays: links.link_energies,
-        MachineArrays: links.machine_energies,
+        LinkArrays: _energies.energies_of(machine=False),
+        MachineArrays: _energies.energies_of(machine=True),
     },
 )
 def energies(

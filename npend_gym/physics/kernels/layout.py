@@ -11,8 +11,8 @@ which take the lanes of a group as one number, these are `members[Member.TIME, g
 `rods[g, Rod.THETA, i]`: for kernels a group of many chains looks like one chain.
 
 A third argument, `model`, says what kind of chains they are, at compile time: None for point
-masses, one array for links with inertia, three for machines. Where their base moves, its place,
-speed and force stand in the last entry of THETA, OMEGA and TORQUE.
+masses, three arrays for links, four for machines. Where their base moves, its place, speed and
+force stand in the last entry of THETA, OMEGA and TORQUE.
 """
 
 # ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
@@ -24,10 +24,17 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.kernels.dynamics import AnyArrays
-from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
+from npend_gym.physics.kernels.laws import Friction
+from npend_gym.physics.kernels.link_terms import (
+    BASE_AT,
+    AnyArrays,
+    ChainArrays,
+    LinkArrays,
+    MachineArrays,
+    Rotor,
+)
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
-from npend_gym.physics.kernels.tensions import ChainArrays, any_positive
+from npend_gym.physics.kernels.tensions import any_positive
 from npend_gym.physics.kernels.turning_points import Record
 
 MAX_SPEED = 1e6  # rad/s; a rod beyond this, or beyond MAX_ANGLE, has diverged
@@ -119,10 +126,10 @@ class TimingFields(NamedTuple):
 Timing: TimingFields = TimingFields()
 
 
-# What chains need beside `rods`: nothing if they are ideal; (terms,) if they are links; and
-# (terms, joints, base) if they are machines, of shapes (groups, len(Link), n width),
-# (groups, len(Joint), n width) and (groups, len(Base), width), or (groups, 0, width) if the base
-# rests. Plain tuples, because others cost 2 us in a call from Python.
+# What chains need beside `rods`: nothing if they are ideal; (terms, friction, base) if they are
+# links; and (terms, friction, base, rotors) if they are machines, of shapes (groups, rows, n width)
+# and, of the base, (groups, len(Base), width), or (groups, 0, width) if it rests. Plain tuples,
+# because others cost 2 us in a call from Python.
 Model = tuple[FloatArray, ...] | None
 
 
@@ -156,6 +163,18 @@ def resists(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
 
 
 @inlined_kernel
+def rubs(friction: FloatArray) -> bool:
+    """Return whether any joint of any lane has dry friction."""
+    return any_positive(friction)
+
+
+@inlined_kernel
+def turns(armature: FloatArray) -> bool:
+    """Return whether any joint of any lane has a rotor."""
+    return any_positive(armature)
+
+
+@inlined_kernel
 def _point_masses(members: FloatArray, rods: FloatArray, model: Model, g: int) -> ChainArrays:
     """Return the parameters of point masses. Drag is empty where no lane has any."""
     n, rows = rods.shape[2] - 1, rods[g]
@@ -173,25 +192,34 @@ def _point_masses(members: FloatArray, rods: FloatArray, model: Model, g: int) -
 
 
 @inlined_kernel
-def _links(members: FloatArray, rods: FloatArray, model: tuple[FloatArray], g: int) -> LinkArrays:
-    n, rows = rods.shape[2] - 1, rods[g]
+def _links(
+    members: FloatArray, rods: FloatArray, model: tuple[FloatArray, ...], g: int
+) -> LinkArrays:
+    n, rows, friction = rods.shape[2] - 1, rods[g], model[1][g]
     gravity = members[Member.GRAVITY][g : g + 1]
-    return LinkArrays(rows[Rod.LENGTH][:n], rows[Rod.DAMPING], gravity, model[0][g])
+    rubbed = len(Friction) if rubs(friction[Friction.FRICTION]) else 0
+    return LinkArrays(
+        rows[Rod.LENGTH][:n], rows[Rod.DAMPING], gravity, model[0][g], friction[:rubbed],
+        model[BASE_AT][g],
+    )  # fmt: skip
 
 
 @inlined_kernel
 def _machine(
     members: FloatArray, rods: FloatArray, model: tuple[FloatArray, ...], g: int
 ) -> MachineArrays:
-    n, rows = rods.shape[2] - 1, rods[g]
-    gravity = members[Member.GRAVITY][g : g + 1]
+    """Return the parameters of machines. What no lane has is empty."""
+    n, rows, own, rotors = rods.shape[2] - 1, rods[g], _links(members, rods, model, g), model[3][g]
+    drag, quadratic = rows[Rod.DRAG], rows[Rod.QUADRATIC_DRAG]
+    resisted = n if resists(drag, quadratic) else 0
+    geared = len(Rotor) if turns(rotors[Rotor.ARMATURE]) else 0
     return MachineArrays(
-        rows[Rod.LENGTH][:n], rows[Rod.DAMPING], gravity, model[0][g], model[1][g],
-        model[2][g],
+        own.length, own.damping, own.gravity, own.terms, own.friction, own.base, rotors[:geared],
+        drag[:resisted], quadratic[:resisted],
     )  # fmt: skip
 
 
-@chosen_by_type("model", {0: _point_masses, 1: _links, 3: _machine})
+@chosen_by_type("model", {0: _point_masses, 3: _links, 4: _machine})
 def _chain_of(members: FloatArray, rods: FloatArray, model: Model, g: int) -> AnyArrays:
     """Return the parameters of the chains of group `g`."""
     raise NotImplementedError
@@ -204,10 +232,10 @@ def _angles_alone(rods: FloatArray, model: Model) -> int:
 
 @inlined_kernel
 def _angles_and_base(rods: FloatArray, model: tuple[FloatArray, ...]) -> int:
-    return rods.shape[2] - (1 if model[2].shape[1] == 0 else 0)
+    return rods.shape[2] - (1 if model[BASE_AT].shape[1] == 0 else 0)
 
 
-@chosen_by_type("model", {0: _angles_alone, 1: _angles_alone, 3: _angles_and_base})
+@chosen_by_type("model", {0: _angles_alone, 3: _angles_and_base, 4: _angles_and_base})
 def _coordinates(rods: FloatArray, model: Model) -> int:
     """Return the number of coordinates of a chain."""
     raise NotImplementedError

@@ -1,19 +1,32 @@
-"""The parameters of links and machines, as `links` takes them; the symbols are explained there."""
+"""The parameters of mechanisms, as `recursion` takes them; the symbols are explained there.
+
+=================  =============================================  ============================
+parameters         mechanism                                      solved in
+=================  =============================================  ============================
+`ChainArrays`      point masses on massless rods, fixed pivot     `tensions`, the fastest
+`LinkArrays`       links with damping and dry friction, any base  `recursion`
+`MachineArrays`    the same with rotors and drag                  `recursion`
+`SpringArrays`     point masses on springs, all else of machines  `recursion`
+`SliderArrays`     all of it: links, with rotors, on springs      `recursion`
+=================  =============================================  ============================
+
+What is only in the later ones costs nothing in the earlier ones. What a mechanism of its kind has
+not is an array without rows, or without entries.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym._checks import BoolArray, FloatArray
+from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.jit import inlined_kernel, kernel
-
-# The rows of a chain (parameters, n), by the names of `ChainParameters`
-Parameter: Any = ChainParameters(*range(len(ChainParameters._fields)))  # type: ignore[arg-type]
+from npend_gym.physics.kernels.laws import Friction, Parameter, friction_terms_of
+from npend_gym.physics.kernels.tensions import ChainArrays, chain_arrays
 
 
 class LinkFields(NamedTuple):
@@ -32,25 +45,20 @@ class LinkFields(NamedTuple):
 Link: LinkFields = LinkFields()
 
 
-class JointFields(NamedTuple):
-    """Rows of `MachineArrays.joints`, an entry for each joint."""
+class RotorFields(NamedTuple):
+    """Rows of `MachineArrays.rotors`, an entry for each joint."""
 
     COUPLING: int = 0  # k, of the accelerations of the two links, by the rotor [kg m^2]
-    FRICTION: int = 1  # N m
-    PER_SPEED: int = 2  # s/rad: one over the speed at which friction is 0.7 of that
-    ARMATURE: int = 3  # inertia of the rotor, as the joint sees it [kg m^2]
-    RATIO: int = 4  # 1/gear - 1: turns of the rotor by the link above, by those of its own
-    DRAG: int = 5  # N s/m, on the tip
-    QUADRATIC_DRAG: int = 6  # N s^2/m^2
-    GEAR: int = 7  # this and the next only to tell the parameters again
-    FRICTION_SPEED: int = 8
+    ARMATURE: int = 1  # inertia of the rotor, as the joint sees it [kg m^2]
+    RATIO: int = 2  # 1/gear - 1: turns of the rotor by the link above, by those of its own
+    GEAR: int = 3  # only to tell the parameters again
 
 
-Joint: JointFields = JointFields()
+Rotor: RotorFields = RotorFields()
 
 
 class BaseFields(NamedTuple):
-    """Rows of `MachineArrays.base`, of a base that moves."""
+    """Rows of `LinkArrays.base`, of a base that moves."""
 
     INVERSE_MASS: int = 0  # 1/M; zero where the motion is prescribed
     ACROSS: int = 1  # x'' as prescribed [m/s^2]
@@ -59,26 +67,65 @@ class BaseFields(NamedTuple):
 
 
 Base: BaseFields = BaseFields()
+BASE_AT = 2  # where the model of an ensemble has it, see `model_terms`
 
 
 class LinkArrays(NamedTuple):
-    """The parameters of rigid links with viscous joints, or of a pack of such chains."""
+    """The parameters of rigid links, or of a pack of such chains."""
 
     length: FloatArray  # (n,)
     damping: FloatArray  # joints 0..n-1, (n,)
     gravity: FloatArray  # (1,)
     terms: FloatArray  # (len(Link), n)
+    friction: FloatArray  # (len(Friction), n); (0, n) where joints have no dry friction
+    base: FloatArray  # (len(Base), 1); (0, 1) where the base rests
 
 
 class MachineArrays(NamedTuple):
-    """The same with all that a machine has: rotors, dry friction, drag, a base that moves."""
+    """The same with what links may have beside it: rotors and drag."""
 
     length: FloatArray
     damping: FloatArray
     gravity: FloatArray
     terms: FloatArray
-    joints: FloatArray  # (len(Joint), n)
-    base: FloatArray  # (len(Base), 1); (0, 1) where the base rests
+    friction: FloatArray
+    base: FloatArray
+    rotors: FloatArray  # (len(Rotor), n) or (0, n)
+    drag: FloatArray  # (n,), or empty where air resists no tip
+    quadratic_drag: FloatArray  # as drag
+
+
+class SpringArrays(NamedTuple):
+    """Point masses on springs, whose lengths are those without load; rotors are empty."""
+
+    length: FloatArray
+    damping: FloatArray
+    gravity: FloatArray
+    terms: FloatArray
+    friction: FloatArray
+    base: FloatArray
+    rotors: FloatArray
+    drag: FloatArray
+    quadratic_drag: FloatArray
+    springs: FloatArray  # stiffness and axial damping, (2, n)
+
+
+class SliderArrays(NamedTuple):
+    """Links on springs: the same fields, for links and rotors of any kind."""
+
+    length: FloatArray
+    damping: FloatArray
+    gravity: FloatArray
+    terms: FloatArray
+    friction: FloatArray
+    base: FloatArray
+    rotors: FloatArray
+    drag: FloatArray
+    quadratic_drag: FloatArray
+    springs: FloatArray
+
+
+AnyArrays = ChainArrays | LinkArrays | MachineArrays | SpringArrays | SliderArrays
 
 
 @inlined_kernel
@@ -106,87 +153,106 @@ def link_terms_of(chain: FloatArray, i: int, terms: FloatArray, column: int) -> 
 
 
 @inlined_kernel
-def joint_terms_of(chain: FloatArray, i: int, joints: FloatArray, column: int) -> None:
-    """Write the rows of `MachineArrays.joints` for joint `i` of a chain (parameters, n)."""
-    ratio = 1.0 / chain[Parameter.gear, i] - 1.0
+def rotor_terms_of(chain: FloatArray, i: int, rotors: FloatArray, column: int) -> None:
+    """Write the rows of `MachineArrays.rotors` for joint `i` of a chain (parameters, n)."""
+    armature, gear = chain[Parameter.armature, i], chain[Parameter.gear, i]
+    ratio = 1.0 / gear - 1.0
     # above joint 0 nothing turns
-    joints[Joint.COUPLING, column] = chain[Parameter.armature, i] * ratio if i > 0 else 0.0
-    joints[Joint.FRICTION, column] = chain[Parameter.friction, i]
-    joints[Joint.PER_SPEED, column] = 1.0 / chain[Parameter.friction_speed, i]
-    joints[Joint.ARMATURE, column] = chain[Parameter.armature, i]
-    joints[Joint.RATIO, column] = ratio
-    joints[Joint.DRAG, column] = chain[Parameter.drag, i]
-    joints[Joint.QUADRATIC_DRAG, column] = chain[Parameter.quadratic_drag, i]
-    joints[Joint.GEAR, column] = chain[Parameter.gear, i]
-    joints[Joint.FRICTION_SPEED, column] = chain[Parameter.friction_speed, i]
+    rotors[Rotor.COUPLING, column] = armature * ratio if i > 0 else 0.0
+    rotors[Rotor.ARMATURE, column] = armature
+    rotors[Rotor.RATIO, column] = ratio
+    rotors[Rotor.GEAR, column] = gear
 
 
 @kernel
-def _fill_terms(chains: FloatArray, links: FloatArray, joints: FloatArray) -> None:
-    """Write the terms (rows, B, n) of the chains (B, parameters, n); of joints where wanted."""
+def _fill_terms(
+    chains: FloatArray, links: FloatArray, friction: FloatArray, rotors: FloatArray
+) -> None:
+    """Write the terms (rows, B, n) of the chains (B, parameters, n); of rotors where wanted."""
     for k in range(chains.shape[0]):
         for i in range(chains.shape[2]):
             link_terms_of(chains[k], i, links[:, k], i)
-            if joints.shape[1] > 0:
-                joint_terms_of(chains[k], i, joints[:, k], i)
+            friction_terms_of(chains[k], i, friction[:, k], i)
+            if rotors.shape[0] > 0:
+                rotor_terms_of(chains[k], i, rotors[:, k], i)
 
 
-def count_terms(chains: ChainParameters) -> int:
-    """Return how many arrays `model_terms` makes of chains whose base rests: 0, 1 or 3."""
-    return 0 if chains.is_ideal else 3 if _have_machinery(chains).any() else 1
+def count_terms(chains: ChainParameters, base: object = None) -> int:
+    """Return how many arrays `model_terms` makes of chains on a `base`, or at rest: 0, 3 or 4."""
+    if base is None and chains.is_ideal:
+        return 0
+    return 4 if chains.has_drag or np.any(chains.armature) else 3
 
 
 def terms_of_each(chains: ChainParameters) -> NDArray[np.int64]:
-    """Return `count_terms` of each chain alone, (B,)."""
+    """Return `count_terms` of each chain alone at rest, (B,)."""
     ideal = chains.has_bobs & ~np.any(chains.friction, axis=-1)
-    return np.where(ideal, 0, np.where(_have_machinery(chains), 3, 1))
+    machinery = chains.armature, chains.drag, chains.quadratic_drag
+    machines = np.any([np.any(values, axis=-1) for values in machinery], axis=0)
+    return np.where(ideal, 0, np.where(machines, 4, 3))
 
 
-def _have_machinery(chains: ChainParameters) -> BoolArray:
-    machinery = chains.friction, chains.armature, chains.drag, chains.quadratic_drag
-    return np.any([np.any(values, axis=-1) for values in machinery], axis=0)
-
-
-def loses_drag(chains: ChainParameters, count: int) -> bool:
-    """Return whether drag of the chains has no place in `count` arrays: in those of mere links."""
-    return count == 1 and chains.has_drag
+def lacks_terms(chains: ChainParameters, count: int) -> bool:
+    """Return whether chains need a larger model than one of `count` arrays."""
+    needed = count_terms(chains)
+    return needed > count or (count == 3 and chains.has_drag)
 
 
 def check_terms(chains: ChainParameters, count: int) -> None:
-    """Raise a ValueError where chains need more arrays than `count`."""
-    if count_terms(chains) > count or loses_drag(chains, count):
+    """Raise a ValueError where chains need a larger model than one of `count` arrays."""
+    if lacks_terms(chains, count):
         raise ValueError(
-            "chains of point masses cannot become links, nor links get friction, rotors or drag, "
-            "while they are at work: begin with a chain that has these"
+            "chains of point masses cannot become links or get friction, nor links get rotors or "
+            "drag, while they are at work: begin with a chain that has these"
         )
 
 
 def model_terms(chains: ChainParameters, base: FloatArray | None = None) -> list[FloatArray]:
-    """Return what chains need beside lengths, damping and gravity: none, one or three arrays.
+    """Return what chains need beside lengths, damping, drag and gravity: none, 3 or 4 arrays.
 
-    Shapes are (rows, B, n), and (len(Base), B, 1) for a base that moves, or (0, B, 1) if it rests.
+    Those are `LinkArrays.terms`, friction, base and rotors; shapes are (rows, B, n), and for the
+    base (len(Base), B, 1) if it moves, or (0, B, 1).
     """
-    wanted = count_terms(chains) if base is None else 3
-    if wanted == 0:
-        return []
+    count = count_terms(chains, base)
+    return _terms_of(chains, base, geared=count == 4)[:count] if count else []
+
+
+def _terms_of(
+    chains: ChainParameters, base: FloatArray | None, *, geared: bool
+) -> list[FloatArray]:
     lanes, n = chains.masses.shape
-    links, joints = np.empty((len(Link), lanes, n)), np.empty((len(Joint), lanes, n))
-    if wanted == 1:
-        _fill_terms(chains.stacked(), links, joints[:, :0])
-        return [links]
-    _fill_terms(chains.stacked(), links, joints)
-    rows = np.zeros((0, 1)) if base is None else base
+    links, friction = np.empty((len(Link), lanes, n)), np.empty((len(Friction), lanes, n))
+    rotors = np.empty((len(Rotor) if geared else 0, lanes, n))
+    _fill_terms(chains.stacked(), links, friction, rotors)
+    rows = np.zeros((0, 1)) if base is None else base.reshape(len(base), -1)
     moving = np.broadcast_to(rows[:, :, None], (len(rows), lanes, 1))
-    return [links, joints, moving]
+    return [links, friction, moving, rotors]
 
 
-def link_arrays(chains: ChainParameters, base: FloatArray | None = None) -> Any:
-    """Return the parameters of B chains with links or machinery, the lane innermost.
+def arrays_of(
+    chains: ChainParameters,
+    base: FloatArray | None = None,
+    springs: tuple[FloatArray, FloatArray] | None = None,
+) -> AnyArrays:
+    """Return the parameters of B mechanisms in the form that the kernels take, the lane innermost.
 
-    `base` (len(Base), B or 1) holds the rows of `Base` where the base moves.
+    `base` (len(Base), B or 1) holds the rows of `Base` where the base moves; `springs` stiffness
+    and axial damping, (B, n) each.
     """
+    count = count_terms(chains, base)
+    if count == 0 and springs is None:
+        return chain_arrays(chains)
+    geared = bool(np.any(chains.armature))
+    terms, friction, moving, rotors = map(innermost, _terms_of(chains, base, geared=geared))
+    rubbed = slice(None if np.any(chains.friction) else 0)
     plain = innermost(chains.lengths), innermost(chains.damping), np.array(chains.gravity)
-    rows = [innermost(terms) for terms in model_terms(chains, base)]
-    if len(rows) == 1:
-        return LinkArrays(*plain, *rows)
-    return MachineArrays(*plain, *rows)
+    shared = *plain, terms, friction[rubbed], moving
+    if count == 3 and springs is None:
+        return LinkArrays(*shared)
+    resisted = slice(None if chains.has_drag else 0)
+    drag = innermost(chains.drag[resisted]), innermost(chains.quadratic_drag[resisted])
+    if springs is None:
+        return MachineArrays(*shared, rotors, *drag)
+    rows = np.broadcast_to(np.array(springs), (2, *chains.lengths.shape))
+    kind = SpringArrays if np.all(chains.has_bobs) else SliderArrays
+    return kind(*shared, rotors, *drag, innermost(rows))

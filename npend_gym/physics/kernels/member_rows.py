@@ -17,8 +17,9 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
 from npend_gym.compiled.sincos import sincos
+from npend_gym.physics.kernels.laws import Parameter, friction_terms_of
 from npend_gym.physics.kernels.layout import Member, Model, Rod
-from npend_gym.physics.kernels.link_terms import Parameter, joint_terms_of, link_terms_of
+from npend_gym.physics.kernels.link_terms import link_terms_of, rotor_terms_of
 from npend_gym.physics.kernels.turning_points import latest_sign, speed_threshold
 
 Indices = NDArray[np.int64]
@@ -33,20 +34,20 @@ def _no_terms(model: Model, g: int, lane: int, width: int, chain: FloatArray) ->
 
 @inlined_kernel
 def _write_links(model: Any, g: int, lane: int, width: int, chain: FloatArray) -> None:
-    terms = model[0][g]
+    terms, friction = model[0][g], model[1][g]
     for i in range(chain.shape[1]):
         link_terms_of(chain, i, terms, i * width + lane)
+        friction_terms_of(chain, i, friction, i * width + lane)
 
 
 @inlined_kernel
 def _write_machine(model: Any, g: int, lane: int, width: int, chain: FloatArray) -> None:
-    terms, joints = model[0][g], model[1][g]
+    _write_links(model, g, lane, width, chain)
     for i in range(chain.shape[1]):
-        link_terms_of(chain, i, terms, i * width + lane)
-        joint_terms_of(chain, i, joints, i * width + lane)
+        rotor_terms_of(chain, i, model[3][g], i * width + lane)
 
 
-@chosen_by_type("model", {0: _no_terms, 1: _write_links, 3: _write_machine})
+@chosen_by_type("model", {0: _no_terms, 3: _write_links, 4: _write_machine})
 def _write_terms(model: Model, g: int, lane: int, width: int, chain: FloatArray) -> None:
     """Write what a chain needs in the model, beside the rows of `Rod`."""
     raise NotImplementedError

@@ -23,10 +23,14 @@ from npend_gym.physics.kernels.dop853 import (
     prepare_dense,
     state_at,
 )
-from npend_gym.physics.kernels.dynamics import AnyArrays
-from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
-from npend_gym.physics.kernels.springs import SpringArrays
-from npend_gym.physics.kernels.tensions import ChainArrays
+from npend_gym.physics.kernels.link_terms import (
+    AnyArrays,
+    ChainArrays,
+    LinkArrays,
+    MachineArrays,
+    SliderArrays,
+    SpringArrays,
+)
 from npend_gym.physics.kernels.turning_points import (
     AROUND,
     COM,
@@ -73,7 +77,7 @@ def _rigid_rods(chain: Any) -> FloatArray:
 
 
 @inlined_kernel
-def _springs(chain: SpringArrays) -> Stretching:
+def _springs(chain: Any) -> Stretching:
     return Stretching(chain.length)
 
 
@@ -84,6 +88,7 @@ def _springs(chain: SpringArrays) -> Stretching:
         LinkArrays: _rigid_rods,
         MachineArrays: _rigid_rods,
         SpringArrays: _springs,
+        SliderArrays: _springs,
     },
 )
 def _rods_of(chain: AnyArrays) -> Rods:

@@ -20,8 +20,9 @@ from npend_gym.compiled.sincos import MAX_ANGLE, sincos
 from npend_gym.compiled.translation import CUDA, FLOAT
 from npend_gym.physics.kernels.advance import advance_group
 from npend_gym.physics.kernels.dynamics import copy
+from npend_gym.physics.kernels.laws import Friction
 from npend_gym.physics.kernels.layout import MAX_SPEED, RK4, Member, Model, Rod, Timing, group_of
-from npend_gym.physics.kernels.link_terms import Base, Joint, Link
+from npend_gym.physics.kernels.link_terms import Base, Link, Rotor
 from npend_gym.physics.kernels.member_rows import write_chain
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
 from npend_gym.physics.kernels.rk4_derivatives import adjoint_of_group, adjoint_rows
@@ -65,7 +66,8 @@ def short_chains(n: int) -> Callable[..., None]:
     """
     of_member, of_rods, of_scratch = (len(Member), 1), (1, len(Rod), n + 1), (_SCRATCH, n + 2)
     of_chain, of_timing = (_PARAMETERS, n), len(Timing)
-    of_links, of_joints, of_base = (1, len(Link), n), (1, len(Joint), n), (1, len(Base), 1)
+    of_links, of_friction, of_rotors = (1, len(Link), n), (1, len(Friction), n), (1, len(Rotor), n)
+    of_base = (1, len(Base), 1)
 
     def advance_threads(
         theta: Any, omega: Any, torque: Any, diverged: Any, chains: Any, dt: Any, substeps: Any,
@@ -75,8 +77,9 @@ def short_chains(n: int) -> Callable[..., None]:
         if lane < theta.shape[0]:
             members, timing = CUDA.local.array(of_member, FLOAT), CUDA.local.array(of_timing, FLOAT)
             rods, scratch = CUDA.local.array(of_rods, FLOAT), CUDA.local.array(of_scratch, FLOAT)
-            links, joints = CUDA.local.array(of_links, FLOAT), CUDA.local.array(of_joints, FLOAT)
+            links, rotors = CUDA.local.array(of_links, FLOAT), CUDA.local.array(of_rotors, FLOAT)
             base, chain = CUDA.local.array(of_base, FLOAT), CUDA.local.array(of_chain, FLOAT)
+            friction = CUDA.local.array(of_friction, FLOAT)
             given = chains[lane if chains.shape[0] > 1 else 0]
             for i in range(n):
                 for field in range(_PARAMETERS):
@@ -87,7 +90,7 @@ def short_chains(n: int) -> Callable[..., None]:
             members[Member.DIVERGED, 0] = diverged[lane]
             timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
             timing[Timing.PER_ROTATION] = per_rotation
-            model = (links, joints, base[:, :0])  # the base rests
+            model = (links, friction, base[:, :0], rotors)  # the base rests
             state = theta[lane], omega[lane], torque[lane]
             _advance(*state, chain, members, rods, model, timing, scratch)
             diverged[lane] = members[Member.DIVERGED, 0]
@@ -104,7 +107,8 @@ def long_chains() -> Callable[..., None]:
 
     def advance_threads(
         theta: Any, omega: Any, torque: Any, diverged: Any, chains: Any, dt: Any, substeps: Any,
-        per_rotation: Any, members: Any, rods: Any, links: Any, joints: Any, scratch: Any,
+        per_rotation: Any, members: Any, rods: Any, links: Any, friction: Any, rotors: Any,
+        scratch: Any,
     ) -> None:  # fmt: skip
         lane = CUDA.grid(1)
         if lane < theta.shape[0]:
@@ -113,7 +117,10 @@ def long_chains() -> Callable[..., None]:
             own[Member.DIVERGED, 0] = diverged[lane]
             timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
             timing[Timing.PER_ROTATION] = per_rotation
-            model = (links[:, :, :, lane], joints[:, :, :, lane], links[:, :0, :1, lane])
+            model = (
+                links[:, :, :, lane], friction[:, :, :, lane], links[:, :0, :1, lane],
+                rotors[:, :, :, lane],
+            )  # fmt: skip
             state = theta[lane], omega[lane], torque[lane]
             chain = chains[lane if chains.shape[0] > 1 else 0]
             work = scratch[:, :, lane]
@@ -150,8 +157,9 @@ def storage_shapes(n: int, terms: int, lanes: int) -> list[tuple[int, ...]]:
 
     `terms` is the number of arrays that this kind of chain needs, see `link_terms.count_terms`.
     """
-    links, joints = len(Link) * (terms > 0), len(Joint) * (terms > 1)
-    each = (len(Member), 1), (1, len(Rod), n + 1), (1, links, n), (1, joints, n), (_SCRATCH, n + 2)
+    links, friction = len(Link) * (terms > 0), len(Friction) * (terms > 0)
+    model = (1, links, n), (1, friction, n), (1, len(Rotor) * (terms > 3), n)
+    each = (len(Member), 1), (1, len(Rod), n + 1), *model, (_SCRATCH, n + 2)
     return [(*shape, lanes) for shape in each]
 
 
@@ -168,14 +176,18 @@ def adjoints() -> Callable[..., None]:
     def adjoint_threads(
         theta: Any, omega: Any, torque: Any, theta_bar: Any, omega_bar: Any, torque_bar: Any,
         chain_bar: Any, diverged: Any, chains: Any, dt: Any, substeps: Any, per_rotation: Any,
-        members: Any, rods: Any, links: Any, joints: Any, scratch: Any, bars: Any, kept: Any,
+        members: Any, rods: Any, links: Any, friction: Any, rotors: Any, scratch: Any, bars: Any,
+        kept: Any,
     ) -> None:  # fmt: skip
         lane = CUDA.grid(1)
         if lane < theta.shape[0] and diverged[lane] == 0.0:  # else the step leaves all as it is
             timing, n = CUDA.local.array(of_timing, FLOAT), theta.shape[1]
             timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
             timing[Timing.PER_ROTATION] = per_rotation
-            model = (links[:, :, :, lane], joints[:, :, :, lane], links[:, :0, :1, lane])
+            model = (
+                links[:, :, :, lane], friction[:, :, :, lane], links[:, :0, :1, lane],
+                rotors[:, :, :, lane],
+            )  # fmt: skip
             chain = chains[lane if chains.shape[0] > 1 else 0]
             own, rows, work = members[:, :, lane], rods[:, :, :, lane], scratch[:, :, lane]
             back, reached = bars[:3, :, lane], bars[3:, :, lane]
@@ -216,12 +228,18 @@ def no_following(numbers: FloatArray, g: int, group: Any, width: int, scratch: F
 
 
 @inlined_kernel
-def always(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
-    """Stand for `layout.resists` where any bob of any chain is."""
+def always_drag(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
+    """Stand for `layout.resists` where the air resists any bob of any chain."""
     return True
 
 
 @inlined_kernel
-def never(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
+def never_drag(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
     """Stand for `layout.resists` where the air resists no bob."""
     return False
+
+
+@inlined_kernel
+def always(row: FloatArray) -> bool:
+    """Stand for `layout.rubs` or `layout.turns`: the chains may have what they look for."""
+    return True

@@ -34,75 +34,68 @@ G the sum of m V; one link has (with F and G of the joint at its tip, and e . = 
 and so on. Point masses are c = l, I = 0: with their tensions t and force couples f, those of alpha
 and those of lambda, F = f n - t e, and so G, so that no pass is needed.
 
-Rods that stretch by x have the length r = l + x and two terms more, with rates mu for x,
+Links on springs are x further from their joints: r = l + x and c + x stand for l and c. With rates
+mu for x there are two terms more, the same for tips and centres:
 
-    R_i = (r_i alpha_i + 2 x_i' omega_i) n_i + (x_i'' - r_i omega_i^2) e_i      for l_i T_i,
-    S_i = r_i lambda_i n_i + mu_i e_i                                          for l_i lambda_i n_i,
+    x_i'' e_i + 2 x_i' omega_i n_i    beside r_i T_i,        mu_i e_i    beside r_i lambda_i n_i,
 
-and P has the terms (k_i x_i + d_i x_i') mu_i. Their N is that of (theta, base, x), and what it says
-of lambda needs no solution: see `springs`. docs/explanation/derivatives.md has all of it. Here is
-what the files of `tangent` and `adjoint` share: how friction and drag grow with speed.
+and P has the terms T(x_i, x_i') mu_i with their tensions T. Then, at fixed F and A,
+
+    dP/dx_i = (lambda_i n_i) . (F + m_i A_i) + T_i . (G + m_i V_i) + mu_i dT/dx_i.          (5)
+
+docs/explanation/derivatives.md has all of it. `laws` has how friction, drag and tension change.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel
-from npend_gym.compiled.packs import where
-from npend_gym.physics.kernels.link_terms import Joint, Parameter
+from npend_gym.physics.kernels.dynamics import FEATURES
+from npend_gym.physics.kernels.laws import Parameter, friction_return, friction_slope
+from npend_gym.physics.kernels.link_terms import ChainArrays
+
+# Point masses on rigid rods, machine, springs
+KINDS: dict[Any, tuple[bool, bool, bool]] = {
+    ChainArrays: (True, False, False),
+    **{kind: (False, *flags[:2]) for kind, flags in FEATURES.items()},
+}
 
 
-@inlined_kernel
-def friction_slopes(joints: FloatArray, i: int, relative: Any) -> tuple[Any, Any]:
-    """Return the torque of friction at joint `i` per N m of its own, and the slope by speed."""
-    u = relative * joints[Joint.PER_SPEED, i]
-    root = math.sqrt(1.0 + u * u)
-    slope = (joints[Joint.FRICTION, i] * joints[Joint.PER_SPEED, i]) / (root * root * root)
-    return u / root, slope
-
-
-def count_rods_of(own: bool) -> Callable[..., int]:
+def count_rods_of(ideal: bool) -> Callable[..., int]:
     """Return `count_rods` for one kind of chains."""
 
     @inlined_kernel
     def count_rods(u: FloatArray, chain: Any) -> int:
         """Return the number of rods; lengths of point masses may have an entry to spare."""
         n = u.size
-        if own:
+        if not ideal:
             n = chain.length.size
         return n
 
     return count_rods
 
 
-def slopes_of_drag(links: bool, machine: bool) -> Callable[..., tuple[Any, Any, Any]]:
-    """Return `drag_slopes` for one kind of chains."""
+def joint_slope_of(ideal: bool) -> Callable[..., Any]:
+    """Return `joint_slope` for one kind of chains."""
 
     @inlined_kernel
-    def drag_slopes(chain: Any, i: int, x: Any, y: Any) -> tuple[Any, Any, Any]:
-        """Return the speed, drag over velocity, and the growth of that along the velocity."""
-        linear: Any = 0.0 * x
-        quadratic = linear
-        if machine:
-            linear = chain.joints[Joint.DRAG, i]
-            quadratic = chain.joints[Joint.QUADRATIC_DRAG, i]
-        if not links:
-            linear, quadratic = chain.drag[i], chain.quadratic_drag[i]
-        speed = math.sqrt(x * x + y * y)
-        moving = speed > 0.0
-        growth = where(moving, quadratic / where(moving, speed, 1.0), 0.0)
-        return speed, linear + quadratic * speed, growth
+    def joint_slope(i: int, relative: Any, chain: Any) -> Any:
+        """Return how the torque that resists at joint `i` grows with its speed."""
+        slope = chain.damping[i] + 0.0 * relative
+        if not ideal and chain.friction.shape[0] > 0:
+            slope = slope + friction_slope(bare(chain.friction), i, relative)
+        return slope
 
-    return drag_slopes
+    return joint_slope
 
 
-def joint_adjoint_of(machine: bool) -> Callable[..., Any]:
-    """Return `add_joint` for chains with friction or without."""
+def joint_adjoint_of(ideal: bool) -> Callable[..., Any]:
+    """Return `add_joint` for one kind of chains."""
+    joint_slope = joint_slope_of(ideal)
 
     @inlined_kernel
     def add_joint(
@@ -110,17 +103,10 @@ def joint_adjoint_of(machine: bool) -> Callable[..., Any]:
     ) -> Any:
         """Add the part of the torque at joint `i`; return the derivative by its speed."""
         torque_bar[i] = torque_bar[i] + turn
-        slope = chain.damping[i]
-        if machine:
-            joints = bare(chain.joints)
-            share, rubbing = friction_slopes(joints, i, relative)
-            slope = slope + rubbing
-            if chain_bar.size > 0:
-                scaled = relative * joints[Joint.PER_SPEED, i]
-                chain_bar[Parameter.friction, i] -= share * turn
-                chain_bar[Parameter.friction_speed, i] += (rubbing * scaled) * turn
         if chain_bar.size > 0:
             chain_bar[Parameter.damping, i] -= relative * turn
-        return slope * turn
+            if not ideal and chain.friction.shape[0] > 0:
+                friction_return(bare(chain.friction), i, relative, -turn, chain_bar)
+        return joint_slope(i, relative, chain) * turn
 
     return add_joint
