@@ -87,6 +87,19 @@ COLUMNS = {
     "friction, rotors": Mechanism(Chain(**_TWO, **_LINKS, friction=0.02, armature=0.01, gear=6.0)),
     "springs": Mechanism(Chain(**_TWO, **_SPRINGS)),
     "springs, cart": Mechanism(Chain(**_TWO, **_SPRINGS, base=Cart(1.5))),
+    "links, springs": Mechanism(Chain(**_TWO, **_LINKS, **_SPRINGS)),
+    "friction, rotors, springs, cart": Mechanism(
+        Chain(
+            **_TWO,
+            **_LINKS,
+            **_SPRINGS,
+            friction=0.02,
+            armature=0.01,
+            gear=6.0,
+            drag=0.05,
+            base=Cart(1.5, 0.2),
+        )
+    ),
     "cart": Mechanism(Chain(**_TWO, base=Cart(1.5))),
     "cart, rail damping, force": Mechanism(Chain(**_TWO, base=Cart(1.5, 0.2)), {"force": 0.5}),
     "links, cart": Mechanism(Chain(**_TWO, **_LINKS, base=Cart(1.5))),

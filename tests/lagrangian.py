@@ -14,7 +14,7 @@ _PER_LINK = (
 def _derive(n, modules, stretching=False):
     """Return a function for M and f of M q'' = f, q = (x, y, theta): the pivot is free to move.
 
-    Point masses on springs have their stretch at the end of q.
+    Links on springs have their stretch at the end of q.
     """
     import sympy as sp
 
@@ -35,7 +35,7 @@ def _derive(n, modules, stretching=False):
         joint = joint + l[i] * along  # the tip
         if stretching:
             stretch = q[n + 2 + i]
-            centre = joint = joint + stretch * along
+            centre, joint = centre + stretch * along, joint + stretch * along
             potential += stiffness[i] * stretch**2 / 2
             force[n + 2 + i] -= axial[i] * u[n + 2 + i]
         moving, tip = centre.jacobian(q) * speeds, joint.jacobian(q) * speeds

@@ -72,8 +72,8 @@ class Chain(NamedChains):
         MuJoCo's `armature`, in which the rotor itself does not turn with link j-1.
     stiffness : float or array_like, shape (n,), optional
         Of rods that stretch [N/m], greater than zero: massless springs between point masses, whose
-        `lengths` are those without load. By default rods are rigid, which is the limit of stiff
-        springs.
+        `lengths` are those without load. A link with inertia slides along itself on its spring, in
+        the joint at its top. By default rods are rigid, which is the limit of stiff springs.
     axial_damping : float or array_like, shape (n,)
         Viscous damping of such rods along their length [N s/m], zero or more.
     base : Cart, optional
@@ -157,20 +157,10 @@ class Chain(NamedChains):
         self.repeated(1).check()
         if stiffness is None:
             object.__setattr__(self, "stiffness", None)
-        self._check_springs()
-
-    def _check_springs(self) -> None:
-        """Refuse damping of rods that do not stretch, and links that do."""
-        if self.stiffness is None:
-            if np.any(self.axial_damping):
-                raise ValueError(
-                    "axial_damping is that of rods that stretch: stiffness must be given with it, "
-                    f"got {_checks.show(self.axial_damping.tolist())}"
-                )
-        elif not self.is_ideal:
+        if stiffness is None and np.any(self.axial_damping):
             raise ValueError(
-                "stiffness is for point masses: centres, inertias, friction and armature must be "
-                f"left out with it, got {', '.join(self.repeated(1).beyond_ideal())}"
+                "axial_damping is that of rods that stretch: stiffness must be given with it, "
+                f"got {_checks.show(self.axial_damping.tolist())}"
             )
 
     to_mjcf = MethodFromAbove("npend_gym.export.mjcf:to_mjcf")  # type: ClassVar[Any]

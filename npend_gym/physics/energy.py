@@ -147,23 +147,23 @@ def centre_velocities(
 
 def stretched(chain: Chain, stretch: FloatArray) -> ChainParameters:
     """Return the chain as rigid rods of the lengths that its springs have, for states (..., n)."""
-    return _with_lengths(chain, chain.lengths + stretch)
+    return _with_lengths(chain, chain.lengths + stretch, chain.centres + stretch)
 
 
 def stretching(chain: Chain, theta: FloatArray, rate: FloatArray) -> FloatArray:
     """Return what stretching at this rate adds to the velocities of bobs [m/s], (..., n, 2)."""
     # sum_k x_k' e_k, as positions are sums of the lengths along the rods
-    return positions(_with_lengths(chain, rate), theta)
+    return positions(_with_lengths(chain, rate, rate), theta)
 
 
-def _with_lengths(chain: Chain, lengths: FloatArray) -> ChainParameters:
+def _with_lengths(chain: Chain, lengths: FloatArray, centres: FloatArray) -> ChainParameters:
     fields = {
         name: np.broadcast_to(row[0], lengths.shape)
         for name, row in chain.repeated(1)._asdict().items()
         if name != "gravity"
     }
     gravity = np.broadcast_to(chain.gravity, lengths.shape[:-1])
-    return ChainParameters(**fields | {"lengths": lengths, "centres": lengths, "gravity": gravity})
+    return ChainParameters(**fields | {"lengths": lengths, "centres": centres, "gravity": gravity})
 
 
 def potential_of_springs(chain: Chain, theta: FloatArray, stretch: FloatArray) -> FloatArray:
@@ -200,11 +200,14 @@ def kinetic_of_motion(
     rate: FloatArray | None,
 ) -> FloatArray:
     """Return the kinetic energy [J], with that of springs and of a cart of this velocity."""
-    if stretch is None:
+    if stretch is None or rate is None:
         energy, centres = kinetic_energy(chain, theta, omega), None
     else:
-        centres = velocities_of_motion(chain, theta, omega, stretch, rate)
-        energy = 0.5 * np.sum(chain.masses * np.sum(centres**2, axis=-1), axis=-1)
+        centres = centre_velocities(stretched(chain, stretch), theta, omega)
+        centres = centres + stretching(chain, theta, rate)
+        turning = chain.inertias * omega**2 + _rotors(chain, omega)
+        moving = chain.masses * np.sum(centres**2, axis=-1)
+        energy = 0.5 * np.sum(moving + turning, axis=-1)
     if chain.base is None or velocity is None:
         return energy
     if centres is None:

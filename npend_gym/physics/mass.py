@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,6 +14,8 @@ from npend_gym.chain.inertia import link_inertia, rotor_inertia
 from npend_gym.physics.arguments import check_states
 from npend_gym.physics.equations import states_of
 from npend_gym.physics.mechanism import check_axial_start
+
+_STEP = 1e-30
 
 
 def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = None) -> FloatArray:
@@ -50,25 +54,39 @@ def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = N
     [[1.0, 1.0], [1.0, 4.0]]
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    m, first = chain.coordinates, n + (chain.base is not None)
     if chain.stiffness is None:
         (angles,) = check_states(n, theta=theta)
         check_axial_start(chain, stretch, None, angles.shape)
-        whole, extent = np.zeros((*angles.shape[:-1], m, m)), chain.lift
-        own = link_inertia(chain) * np.cos(differences(angles))
-        whole[..., :n, :n] = own + rotor_inertia(chain)
+        return _mass(chain, angles, None)
+    states = states_of(chain, theta, 0.0, stretch=stretch)
+    return _mass(chain, states.q[..., :n], states.q[..., -n:])
+
+
+def _mass(chain: Chain, angles: Any, stretch: Any) -> Any:
+    """Return the mass matrix, which may be complex, of angles and stretches (..., n)."""
+    n, m, turned = chain.n, chain.coordinates, differences(angles)
+    first = n + (chain.base is not None)
+    whole = np.zeros((*angles.shape[:-1], m, m), angles.dtype)
+    carried, extent = chain.carried_masses, chain.lift
+    if stretch is None:
+        whole[..., :n, :n] = link_inertia(chain) * np.cos(turned) + rotor_inertia(chain)
     else:
-        states = states_of(chain, theta, 0.0, stretch=stretch)
-        angles, lengths = states.q[..., :n], chain.lengths + states.q[..., -n:]
-        carried = chain.carried_masses
-        whole, extent = np.zeros((*angles.shape[:-1], m, m)), carried * lengths
-        both, turned = np.minimum(carried[:, None], carried), differences(angles)
-        along = both * np.cos(turned)
-        whole[..., :n, :n] = along * lengths[..., :, None] * lengths[..., None, :]
-        whole[..., first:, first:] = along
+        lengths: FloatArray = chain.lengths + stretch
+        centres: FloatArray = chain.centres + stretch
+        below = np.append(carried[1:], 0.0)
+        extent = chain.masses * centres + lengths * below
+        # rod j moves what hangs on rod k by its length, or where that is not below it by `extent`
+        is_below = np.arange(n)[:, None] < np.arange(n)
+        pairs = np.where(is_below, lengths[..., :, None] * extent[..., None, :], 0.0)
+        own = chain.inertias + chain.masses * centres**2 + lengths**2 * below
+        pairs = pairs + pairs.swapaxes(-1, -2) + own[..., None] * np.eye(n)
+        whole[..., :n, :n] = pairs * np.cos(turned) + rotor_inertia(chain)
+        moved: FloatArray = lengths[..., :, None] * carried
+        moved = np.where(is_below, moved, np.expand_dims(extent, -1))
         # d position / d stretch is along the rod, d position / d theta across it
-        mixed = both * np.sin(turned) * lengths[..., None, :]
-        whole[..., first:, :n], whole[..., :n, first:] = mixed, mixed.swapaxes(-1, -2)
+        mixed: FloatArray = -moved * np.sin(turned)
+        whole[..., :n, first:], whole[..., first:, :n] = mixed, mixed.swapaxes(-1, -2)
+        whole[..., first:, first:] = np.minimum(carried[:, None], carried) * np.cos(turned)
         if chain.base is not None:
             whole[..., n, first:] = whole[..., first:, n] = carried * np.sin(angles)
     if chain.base is not None:
@@ -109,8 +127,7 @@ def momentum_jacobian(chain: Chain, q: ArrayLike, u: ArrayLike) -> FloatArray:
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     q, u = check_states(chain.coordinates, q=q, u=u)
     theta, omega, first = q[..., :n], u[..., :n], n + (chain.base is not None)
-    own = {} if chain.stiffness is None else {"stretch": q[..., first:]}
-    mass = mass_matrix(chain, theta, **own)
+    mass = _mass(chain, theta, None if chain.stiffness is None else q[..., first:])
     if chain.stiffness is None:
         turned = link_inertia(chain) * np.sin(differences(theta))
         by_q = np.zeros_like(mass)
@@ -121,42 +138,12 @@ def momentum_jacobian(chain: Chain, q: ArrayLike, u: ArrayLike) -> FloatArray:
             by_q[..., n, :n] = falling * omega
             by_q[..., range(n), range(n)] += falling * u[..., n, None]
     else:
-        by_q = _spring_momenta(chain, q, u, first)
+        by_q = np.empty_like(mass)
+        for k in range(chain.coordinates):  # complex steps take no differences
+            near = q + 1j * _STEP * np.eye(chain.coordinates)[k]
+            turned = _mass(chain, near[..., :n], near[..., first:])
+            by_q[..., k] = (turned @ u[..., None])[..., 0].imag / _STEP
     return np.concatenate([by_q, mass], axis=-1)
-
-
-def _spring_momenta(chain: Chain, q: FloatArray, u: FloatArray, first: int) -> FloatArray:
-    """Return the derivatives of the momenta of springs by their coordinates, (..., m, m).
-
-    Let C_ij be the mass that hangs on both rods, a_ij = theta_i - theta_j, and r the lengths. The
-    momentum of an angle is sum_j C_ij r_i (r_j cos a_ij omega_j - sin a_ij r_j'). The momentum of a
-    stretch is sum_j C_ij (r_j sin a_ij omega_j + cos a_ij r_j').
-    """
-    n, carried = chain.n, chain.carried_masses
-    both, a = np.minimum(carried[:, None], carried), differences(q[..., :n])
-    c, s = both * np.cos(a), both * np.sin(a)
-    r, omega, rate = chain.lengths + q[..., first:], u[..., :n], u[..., first:]
-    out = np.zeros((*q.shape, q.shape[-1]))
-    diagonal, row = range(n), r[..., :, None]
-    # by theta_j, of which theta_i has the opposite
-    moved = row * (s * (r * omega)[..., None, :] + c * rate[..., None, :])
-    out[..., :n, :n] = moved
-    out[..., diagonal, diagonal] -= moved.sum(axis=-1)
-    pulled = s * rate[..., None, :] - c * (r * omega)[..., None, :]
-    out[..., first:, :n] = pulled
-    out[..., range(first, first + n), diagonal] -= pulled.sum(axis=-1)
-    out[..., :n, first:] = row * c * omega[..., None, :]
-    of_angle = (c * (r * omega)[..., None, :] - s * rate[..., None, :]).sum(axis=-1)
-    out[..., diagonal, range(first, first + n)] += of_angle
-    out[..., first:, first:] = s * omega[..., None, :]
-    if chain.base is not None:
-        sine, cosine, v = np.sin(q[..., :n]), np.cos(q[..., :n]), u[..., n, None]
-        out[..., n, :n] = carried * (cosine * rate - r * sine * omega)
-        out[..., n, first:] = carried * cosine * omega
-        out[..., diagonal, diagonal] -= carried * r * sine * v
-        out[..., diagonal, range(first, first + n)] += carried * cosine * v
-        out[..., range(first, first + n), diagonal] += carried * cosine * v
-    return out
 
 
 def differences(theta: FloatArray) -> FloatArray:

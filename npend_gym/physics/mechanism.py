@@ -77,11 +77,13 @@ class Mechanism(NamedTuple):
         """Return bounds of how fast springs vibrate and relax [1/s]; zeros for rigid rods.
 
         Rods vibrate no faster than sqrt(2 max_i k_i (1/m_i + 1/m_{i-1})), by Gershgorin's circles;
-        dampers relax no faster than 2 max_i d_i (1/m_i + 1/m_{i-1}). m_{-1} is that of the cart.
+        dampers relax no faster than 2 max_i d_i (1/m_i + 1/m_{i-1}). m_{-1} is that of the cart. Of
+        a link that is no bob, the mass that its tip has where it turns about its joint counts too.
         """
         if self.springs is None:
             return 0.0, 0.0
-        inverse = 1.0 / self.parameters.masses
+        own = self.parameters
+        inverse = np.maximum(1.0 / own.masses, own.lengths**2 / own.joint_inertia)
         above = np.zeros((len(inverse), 1))
         if self.base is not None:
             above = above + self.base[Base.INVERSE_MASS][:, None]
