@@ -5,6 +5,7 @@ stretch of a spring. The recursion, its tangent and its adjoint call what stands
 more of a law. A parameter of a law is a row of its array and a field of `ChainParameters`.
 """
 
+# ruff: noqa: ARG001  a law may depend on other rows of its parameters
 from __future__ import annotations
 
 import math
@@ -41,6 +42,12 @@ def friction_terms_of(chain: FloatArray, i: int, rows: FloatArray, column: int) 
 
 
 @inlined_kernel
+def _share(rows: FloatArray, i: int, u: Any) -> Any:
+    """Return the torque per N m of friction, at the scaled speed `u`."""
+    return u / math.sqrt(1.0 + u * u)
+
+
+@inlined_kernel
 def friction_torque(rows: FloatArray, i: int, speed: Any) -> Any:
     """Return the torque of dry friction in joint `i`, of the sign of its speed [N m]."""
     u = speed * rows[Friction.PER_SPEED, i]
@@ -60,9 +67,9 @@ def friction_slope(rows: FloatArray, i: int, speed: Any) -> Any:
 def friction_change(rows: FloatArray, i: int, speed: Any, changed: FloatArray) -> Any:
     """Return the change of the torque with the parameters of the law."""
     u = speed * rows[Friction.PER_SPEED, i]
-    by_torque, by_speed = u / math.sqrt(1.0 + u * u), friction_slope(rows, i, speed) * u
+    share, by_speed = _share(rows, i, u), friction_slope(rows, i, speed) * u
     by_speed = changed[Parameter.friction_speed, i] * by_speed
-    return changed[Parameter.friction, i] * by_torque - by_speed
+    return changed[Parameter.friction, i] * share - by_speed
 
 
 @inlined_kernel
@@ -71,8 +78,8 @@ def friction_return(
 ) -> None:
     """Add the derivatives by the parameters of the law to `chain_bar`."""
     u = speed * rows[Friction.PER_SPEED, i]
-    by_torque, by_speed = u / math.sqrt(1.0 + u * u), friction_slope(rows, i, speed) * u
-    chain_bar[Parameter.friction, i] += by_torque * torque_bar
+    share, by_speed = _share(rows, i, u), friction_slope(rows, i, speed) * u
+    chain_bar[Parameter.friction, i] += share * torque_bar
     chain_bar[Parameter.friction_speed, i] -= by_speed * torque_bar
 
 
