@@ -92,6 +92,17 @@ def test_no_lane_depends_on_another_and_a_state_goes_on():
     np.testing.assert_array_equal(many.step(action)[0], expected)
 
 
+@pytest.mark.parametrize("options", [{"friction": 0.2}, {"armature": 0.02}, {"masses": 2.0}])
+def test_a_state_of_another_chain_than_that_of_the_model_is_refused(options):
+    chain = Chain(1.0, [1.0, 1.0], friction=0.1, armature=0.01, centres=0.5, inertias=0.1)
+    own, engine = NPendulumVectorEnv(2, chain=chain), in_mujoco({"chain": chain}, 2).unwrapped
+    engine.reset(seed=0), own.reset(seed=0)
+    engine.set_state(own.get_state())
+    own.reset(seed=0, options=options)
+    with pytest.raises(ValueError, match="state must be one of the chain as made"):
+        engine.set_state(own.get_state())
+
+
 def test_a_motion_beyond_all_bounds_ends_the_episode():
     envs = in_mujoco({"n": 1, "max_torque": 1e9, "dt": 1.0}, 2).unwrapped
     envs.reset(seed=0)

@@ -24,7 +24,8 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics import simulate
 from npend_gym.physics.energy import energy
-from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
+from npend_gym.physics.kernels.dynamics import derivative, new_work
+from npend_gym.physics.kernels.link_terms import arrays_of
 from suites.dynamics import mujoco_chain
 from suites.timing import Peers
 

@@ -21,7 +21,8 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.chaos import flip_times
 from npend_gym.physics import energy, simulate
-from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
+from npend_gym.physics.kernels.dynamics import derivative, new_work
+from npend_gym.physics.kernels.link_terms import arrays_of
 from suites.chaos import heyoka_equations
 from suites.timing import Peers, Row, timed
 

@@ -17,6 +17,7 @@ from npend_gym.envs.rows import Episode, Pose, Setting
 from npend_gym.envs.seeds import LaneNumbers
 from npend_gym.envs.settings import OF_LANES
 from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.kernels.link_terms import MODEL
 from npend_gym.physics.memory import Memory
 
 VERSION = 2  # of the record; another version of the package may have another
@@ -43,7 +44,7 @@ class Snapshots:
         rows = [*Member._fields, *Episode._fields, *Setting._fields]
         members: list[Any] = [(name.lower(), "<f8") for name in rows]
         parts: list[Any] = [("members", members), ("rods", rods)]
-        for name, terms in zip(("links", "joints", "base"), memory.arrays[2] or (), strict=False):
+        for name, terms in zip(MODEL, memory.arrays[2] or (), strict=False):
             parts.append((name, "<f8", (terms.shape[1], terms.shape[2] // memory.width)))
         parts += [(name, "<f8", values.shape[1:]) for name, values in more().items()]
         head: list[Any] = [("version", "<u8"), ("environment", "<u8"), ("sum", "<u8")]

@@ -24,6 +24,7 @@ from npend_gym.envs.settings import COUNTED, HARDWARE
 from npend_gym.envs.snapshots import States
 from npend_gym.export.mjcf import to_mjcf
 from npend_gym.physics.kernels.layout import MAX_SPEED, Member
+from npend_gym.physics.kernels.link_terms import MODEL
 from npend_gym.physics.memory import Plan
 from npend_gym.rl.evaluation.settings import EnvLike, setting_of
 
@@ -32,7 +33,6 @@ _ENTRY_POINT = "npend_gym.export.engines:MujocoVectorEnv"
 _MAX_TIMESTEP = 0.001  # s
 # What states hold of the chain
 _OF_RODS = "mass", "length", "damping"
-_OF_MODEL = "links", "joints", "base"
 
 
 def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
@@ -191,7 +191,7 @@ def _parameters(states: Any) -> FloatArray:
     """Return the parameters of the chains in records of `get_state`, (k, numbers)."""
     records: Any = np.atleast_1d(states)
     parts = [records["members"]["gravity"], *(records["rods"][name] for name in _OF_RODS)]
-    parts += [records[name] for name in _OF_MODEL if name in records.dtype.names]
+    parts += [records[name] for name in MODEL if name in records.dtype.names]
     return np.hstack([part.reshape(len(records), -1) for part in parts])
 
 

@@ -23,13 +23,7 @@ from npend_gym.physics.directions import (
 from npend_gym.physics.kernels import dop853, rk4
 from npend_gym.physics.kernels.driven import AFTER_TORQUES, Sampled, Torque
 from npend_gym.physics.kernels.dynamics import AnyArrays
-from npend_gym.physics.kernels.tape import (
-    Rods,
-    Steps,
-    carry_back,
-    carry_changes,
-    new_scratch,
-)
+from npend_gym.physics.kernels.tape import Rods, Steps, carry_back, carry_changes, new_scratch
 from npend_gym.physics.motion import Motion, TakenSteps
 from npend_gym.physics.substeps import LONGEST_PHASE, rate_at_rest
 from npend_gym.physics.trajectory import Trajectory

@@ -16,7 +16,8 @@ from npend_gym.experiments import power_law
 from npend_gym.experiments.release import PAPER_AMPLITUDE
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import energy
-from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
+from npend_gym.physics.kernels.dynamics import derivative, new_work
+from npend_gym.physics.kernels.link_terms import arrays_of
 from paper.checks.chaos import neighbour_growth
 from paper.estimator import LISTING_DURATION
 from paper.motions import samples

@@ -67,7 +67,8 @@ class BaseFields(NamedTuple):
 
 
 Base: BaseFields = BaseFields()
-BASE_AT = 2  # where the model of an ensemble has it, see `model_terms`
+MODEL = "links", "friction", "base", "rotors"  # the arrays of an ensemble's, see `model_terms`
+BASE_AT = MODEL.index("base")
 
 
 class LinkArrays(NamedTuple):
