@@ -135,6 +135,22 @@ for value in ([0.5, 0.8], 0.0):
     env.reset(seed=0)
     seen.append([env.step(np.ones(env.action_space.shape, np.float32))[0] for _ in range(5)][-1])
 assert np.abs(seen[0] - seen[1]).max() > 1e-6
+
+from npend_gym.export import to_mjcf, to_urdf
+for write in (to_mjcf, to_urdf):
+    try:
+        write(chain)
+    except ValueError as error:
+        assert "stiction must be left out" in str(error)
+    else:
+        raise AssertionError("stiction was lost")
+
+times = np.arange(0.0, 4.0, 0.01)
+moved = simulate(chain, [1.9, 1.2], 0.0, times).theta
+wrong = Chain.from_dict(chain.as_dict() | {"friction": [0.2, 0.3]})
+found = npend_gym.identify(times, moved, chain=wrong, fit=["friction"]).chain
+np.testing.assert_allclose(found.friction, chain.friction, rtol=1e-4)
+np.testing.assert_array_equal(found.stiction, chain.stiction)
 """
 
 

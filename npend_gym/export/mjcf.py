@@ -15,11 +15,23 @@ from npend_gym import _checks
 from npend_gym.chain import Chain, check_chain
 
 MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
-LACKS = "drag", "quadratic_drag", "gear"  # parameters that MuJoCo has not
 OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
 _MAX_BODIES = 496  # which make 500 elements inside each other: MuJoCo reads no more
 _MAX_TIMESTEP = 1.0  # s
 _P = ParamSpec("_P")
+# What every engine has, if only by another law, as of friction near rest
+_SHARED = (
+    "masses", "lengths", "gravity", "damping", "centres", "inertias", "friction", "friction_speed",
+    "axial_damping", "base",
+)  # fmt: skip
+
+
+def all_but(*written: str) -> tuple[str, ...]:
+    """Return the parameters of chains that a format lacks which has `written` beside the common."""
+    return tuple(name for name in Chain.__annotations__ if name not in (*_SHARED, *written))
+
+
+LACKS = all_but("armature", "stiffness")  # parameters that MuJoCo has not
 
 
 def returns_text(function: Callable[_P, str]) -> Callable[_P, str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from npend_gym.chain import Chain, check_chain
-from npend_gym.export.mjcf import check_known, inertia_of, returns_text, text_of
+from npend_gym.export.mjcf import all_but, check_known, inertia_of, returns_text, text_of
 
-LACKS = ("drag", "quadratic_drag", "armature", "stiffness")
+LACKS = all_but("gear")  # which matters to armature alone
 _NO_LIMIT = {"lower": "-1000", "upper": "1000", "effort": "1e9", "velocity": "1e9"}
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters
 from npend_gym.chain.inertia import link_inertia
 
 UNITS = {
@@ -123,7 +123,7 @@ class Model:
             return None
         given = {"masses": masses, "lengths": lengths, "centres": centres, "inertias": inertias}
         given |= _resisting(values)
-        kept = ("gravity", "friction_speed", "gear")
+        kept = (name for name in ChainParameters._fields if name not in given)
         return Chain(**given, **{name: getattr(self.chain, name) for name in kept})
 
     def directions(self, chain: Chain) -> dict[str, FloatArray]:
