@@ -109,8 +109,9 @@ class Shooting:
         """Return copies of a chain in these states, (B, n), ready to be advanced."""
         size = len(theta)
         if size not in self._ensembles:
-            rubbing = Chain.from_dict(chain.as_dict() | {"friction": 1.0})  # the most general kind
-            self._ensembles[size] = DifferentiableEnsemble(rubbing, size, joints=self._joints)
+            general = {"friction": 1.0, "armature": 1.0}  # the kind that has all parameters
+            general = Chain.from_dict(chain.as_dict() | general)
+            self._ensembles[size] = DifferentiableEnsemble(general, size, joints=self._joints)
         ensemble = self._ensembles[size]
         ensemble.set_chain(slice(None), chain.repeated(size))
         ensemble.set_state(slice(None), theta, omega)
