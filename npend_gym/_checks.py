@@ -10,7 +10,7 @@ import numbers
 from collections.abc import Callable, Iterable
 from os import PathLike
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _P = ParamSpec("_P")
-_R = TypeVar("_R")
 
 # Sizes of numbers in SI units; products of several stay far from the ends of float64's range.
 SMALLEST, LARGEST = 1e-30, 1e30
@@ -220,24 +219,6 @@ def nearest(name: object, valid: Iterable[str]) -> str:
     """Return "; did you mean ...?" with the name among `valid` that is like `name`, or ";"."""
     close = difflib.get_close_matches(str(name), list(valid), n=1)
     return f"; did you mean {close[0]!r}?" if close else ";"
-
-
-def keywords_moved(**places: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """Let a function refuse keywords that it no longer takes, naming the new place of each."""
-
-    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
-        @functools.wraps(function)
-        def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            for name in kwargs:
-                if name in places:
-                    raise TypeError(
-                        f"{function.__name__} takes no keyword {name!r}: it is {places[name]}"
-                    )
-            return function(*args, **kwargs)
-
-        return checked
-
-    return decorate
 
 
 def names_keywords(function: Callable[_P, None]) -> Callable[_P, None]:

@@ -13,20 +13,6 @@ from typing import Any
 
 from npend_gym._extras import missing
 
-# Names that left the package for the study of the paper, which a clone has beside it
-_IN_THE_STUDY = {
-    "paper": "paper",
-    **dict.fromkeys(("LawCell", "LawGrid", "law_rows", "limit_rows"), "paper.com_law"),
-    **dict.fromkeys(
-        ("LAW_UP_TO", "N_VALUES", "Law", "Scan", "count_exponent", "fit_law", "scan", "scan_rows"),
-        "paper.law",
-    ),
-    **dict.fromkeys(
-        ("MAX_THIRD_ORDER", "AmplitudeGrowth", "amplitude_growth"), "paper.third_order"
-    ),
-    **dict.fromkeys(("derive", "kane", "kane_accelerations"), "paper.kane"),
-}
-
 
 def attach_stub(
     package: str, file: str
@@ -85,8 +71,6 @@ def _hint(package: str, name: str, own: Iterable[str]) -> str:
         face = ".".join((root.name, *stub.parent.relative_to(root).parts))
         if face != package and name in _read_stub(stub, face):
             return f"; it is in {face}"
-    if name in _IN_THE_STUDY:
-        return f"; it is in {_IN_THE_STUDY[name]}, in a clone of the repository"
     close = difflib.get_close_matches(name, own, n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 

@@ -101,7 +101,7 @@ def remove(path: Path) -> None:
 
 
 def part_digest(owner: str, data: bytes) -> str:
-    """Return what the name of a part with these bytes ends in."""
+    """Suffix of the name of a part with these bytes: digits of their hash."""
     return hashlib.sha256(owner.encode() + data).hexdigest()[:16]
 
 

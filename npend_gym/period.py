@@ -41,10 +41,6 @@ _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a heig
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
 
 
-@_checks.keywords_moved(
-    stiffness="of the chain: Chain(..., stiffness=...)",
-    axial_damping="of the chain: Chain(..., axial_damping=...)",
-)
 def pseudo_periods(
     chain: Chain,
     theta: ArrayLike,
@@ -161,7 +157,7 @@ def pseudo_periods(
 def codes_of(
     chain: Chain, theta: FloatArray, reading: str, accelerated: ArrayLike | None = None
 ) -> NDArray[np.int64]:
-    """Return what counts in a reading after releases at `theta` (..., n), as codes (...)."""
+    """Codes (...) of the coordinate that a reading follows after releases at `theta` (..., n)."""
     c = sincos(theta - hanging_angle(chain, accelerated))[1]
     beyond = np.any(chain.lift * c < 0.0, axis=-1)
     return np.where(beyond, _BEYOND.get(reading, CODES[reading]), CODES[reading])

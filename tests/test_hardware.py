@@ -173,7 +173,7 @@ def test_the_mean_squared_action_is_that_of_the_clipped_command():
 def test_noise_is_kept_to_motors_that_there_are(motors, error):
     envs = NPendulumVectorEnv(2, n=2, actuated=(0, 1), torque_noise=0.3)
     with pytest.raises(error, match="motors must be"):
-        envs.keep_noise_to(motors)
+        envs.set_noisy_motors(motors)
 
 
 @pytest.mark.parametrize("observation", ["angles", "sincos"])

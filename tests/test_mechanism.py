@@ -16,11 +16,9 @@ from npend_gym import (
     Signal,
     Trajectory,
     __version__,
-    pseudo_periods,
     simulate,
 )
 from npend_gym.physics import (
-    Ensemble,
     accelerations,
     jacobian,
     linearise,
@@ -70,33 +68,6 @@ def test_chains_with_other_parts_differ_and_hung_alike_are_equal():
     assert len({*chains}) == len(chains)
     assert {chain.hung() for chain in chains[:4]} == {chains[0]}
     assert chains[4].hung() == Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], damping=0.1)
-
-
-CALLS = {
-    "simulate": lambda **old: simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], **old),
-    "pseudo_periods": lambda **old: pseudo_periods(Chain.uniform(2), 0.1, **old),
-    "Ensemble": lambda **old: Ensemble(Chain.uniform(2), 2, **old),
-}
-
-
-@pytest.mark.parametrize(
-    ("call", "keyword", "place"),
-    [
-        ("simulate", "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
-        ("simulate", "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
-        ("simulate", "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
-        ("simulate", "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
-        ("simulate", "pivot_velocity", "velocity"),
-        ("simulate", "device", r"npend_gym\.physics\.simulate_on_device"),
-        ("pseudo_periods", "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
-        ("pseudo_periods", "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
-        ("Ensemble", "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
-        ("Ensemble", "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
-    ],
-)
-def test_a_keyword_of_the_past_is_refused_with_its_new_place(call, keyword, place):
-    with pytest.raises(TypeError, match=rf"takes no keyword '{keyword}': it is .*{place}"):
-        CALLS[call](**{keyword: 1.0})
 
 
 # -- the equations ----------------------------------------------------------------------------

@@ -154,7 +154,7 @@ def test_after_an_error_noise_is_kept_to_the_same_motors():
     envs = NPendulumVectorEnv(2, n=2, actuated=(0, 1), mode=mode, torque_noise=0.3)
     envs.reset(seed=0)
     assert np.all(envs.step(np.zeros((2, 2)))[-1]["torque"] != 0.0)
-    envs.keep_noise_to(1)
+    envs.set_noisy_motors(1)
     assert np.all(envs.step(np.zeros((2, 2)))[-1]["torque"][:, 1] == 0.0)
     for mode.broken in (False, True, False):
         envs.reset(seed=0)

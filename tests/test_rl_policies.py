@@ -428,14 +428,6 @@ def test_no_judge_takes_a_policy_to_an_environment_unlike_its_own(judge, name, e
         judge(Policy.pretrained(name), env)
 
 
-@pytest.mark.parametrize("name", ["evaluate", "performance", "recovery", "robustness"])
-def test_old_keywords_of_the_scores_name_the_new_place(name):
-    places = {"env_id": '"id" of env', "pushed": r"Pushes\(joints", "controller": "now named model"}
-    for old, place in places.items():
-        with pytest.raises(TypeError, match=f"{name} takes no keyword '{old}': it is .*{place}"):
-            getattr(rl, name)(None, {}, **{old: None})
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [

@@ -47,7 +47,7 @@ class Cart:
 
 
 def as_base(value: Any) -> Cart | None:
-    """Return what carries a chain: None, a `Cart`, or the cart of which `value` is the dict.
+    """Check what carries a chain: None, a `Cart`, or the cart of which `value` is the dict.
 
     Raises
     ------

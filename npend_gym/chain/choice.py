@@ -50,7 +50,7 @@ def as_chain(value: Any) -> Chain:
 
 
 def chain_parameters(path: str | Path, rule: str = "must be ") -> dict[str, Any]:
-    """Return what a JSON file says of a chain, as `Chain.from_dict` takes it.
+    """The chain of a JSON file, as `Chain.from_dict` takes it.
 
     Raises
     ------

@@ -195,7 +195,7 @@ def _follow(
 
 
 def _orbit(shooting: Shooting, mode: int, x: FloatArray) -> PeriodicOrbit:
-    """Return what is to be known of the orbit `x`, from one period of its motion."""
+    """The periodic orbit through `x`, from one period of its motion."""
     chain, n, theta, period = shooting.chain, shooting.n, x[:-1], shooting.period(x)
     path = simulate(chain, theta, 0.0, [0.0, period], rtol=EXACT, atol=0.01 * EXACT)
     scale = np.append(np.ones(n), np.full(n, shooting.frequency))

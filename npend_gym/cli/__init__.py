@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import ast
 import os
-import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -22,13 +21,11 @@ from typing import Any
 from npend_gym import _interrupts
 from npend_gym._version import __version__
 from npend_gym.cli.common import (
-    FORMER,
     INTERRUPTED,
     Parser,
     dispatch,
     ending_signals,
     open_closed_streams,
-    respelled,
     warn,
 )
 from npend_gym.cli.options import add_options, tree
@@ -74,7 +71,7 @@ class _Command(Parser):
         self.load()
         options, unknown = super().parse_known_args(args, *more, **named)
         if unknown:
-            self.refuse(unknown, args)
+            self.refuse(unknown)
         if "chain" in options and (extra := [name for name in _REPLACED if name in options]):
             self.error(f"--{extra[0]} must be left out with --chain, which has its own")
         return options, unknown
@@ -99,11 +96,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     """Parse the arguments, and run the command that they name."""
     parser, commands = parsers()
-    first = next(iter(sys.argv[1:] if argv is None else argv), "")
-    if first in FORMER and not first.startswith("-"):
-        parser.error(f"{first} is not in the package: run `{FORMER[first]}` in a clone")
-    if first not in COMMANDS and (new := respelled(sys.argv[1:] if argv is None else argv)):
-        parser.error(f"{first} is written no more; did you mean `{new}`?")
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how the line may go on
         from argcomplete import autocomplete
 

@@ -8,7 +8,6 @@ import difflib
 import errno
 import os
 import re
-import shlex
 import signal
 import sys
 import threading
@@ -23,28 +22,14 @@ from npend_gym import _interrupts
 _T = TypeVar("_T")
 
 OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, _interrupts.INTERRUPTED
-# What is written no more, and what is written in its place: a command that needs what only a clone
-# has, and an option of any command
-FORMER = {
-    "bench": "python benchmarks/peers.py",
-    "law": "python -m paper --only com-law",
-    "paper": "python -m paper",
+# What people try for an option of any command
+_MEANT = {
     "--angle": "--amplitude",
     "--theta": "--amplitude",
+    "--amplitude": "--theta",
     "--time": "--duration",
     "--friction": "--damping",
 }
-# A command of the package that is written otherwise, and its options that are (or are left out)
-RENAMED: dict[str, tuple[str, dict[str, str]]] = {
-    "animate": ("simulate", {
-        "--out": "--film", "-o": "--film", "--amplitude": "--theta", "-a": "--theta",
-        "--policy": "",
-    }),
-    "simulate --amplitude": ("simulate", {"--amplitude": "--theta"}),
-    "page": ("release", {"--out": "--page", "-o": "--page", "--from": ""}),
-    "page --live": ("play", {"--live": ""}),
-    "examples --copy": ("examples", {"--copy": "--out"}),
-}  # fmt: skip
 
 
 class Parser(argparse.ArgumentParser):
@@ -70,30 +55,13 @@ class Parser(argparse.ArgumentParser):
         elif code := dispatch(self, show, {}):
             self.exit(code)
 
-    def refuse(self, unknown: Sequence[str], given: Sequence[str] = ()) -> NoReturn:
-        """Leave because of `unknown` arguments among those `given`, and name what may be meant."""
+    def refuse(self, unknown: Sequence[str]) -> NoReturn:
+        """Leave because of `unknown` arguments, and name what may be meant."""
         option = unknown[0].partition("=")[0]
-        if new := respelled([*self.prog.split()[1:], *given]):
-            self.error(f"{option} is written no more; did you mean `{new}`?")
-        meant = FORMER.get(option, f"--{option.lstrip('-')}")
+        meant = _MEANT.get(option, f"--{option.lstrip('-')}")
         near = difflib.get_close_matches(meant, self._option_string_actions, 1, 0.7)
         guess = f"did you mean {near[0]}? " if near and option.startswith("-") else ""
         self.error(f"unrecognized arguments: {' '.join(unknown)}; {guess}See {self.prog} --help")
-
-
-def respelled(words: Sequence[str]) -> str | None:
-    """Return the line that is written in place of a former one, None where that is not former."""
-    command, *rest = words or [""]
-    options = [f"{command} {word.partition('=')[0]}" for word in rest]
-    former = next((each for each in (*options, command) if each in RENAMED), None)
-    if former is None:
-        return None
-    command, renamed = RENAMED[former]
-    line = ["npend", command]
-    for word in rest:
-        option, _, value = word.partition("=")
-        line += [part for part in (renamed[option], value) if part] if option in renamed else [word]
-    return shlex.join(line)
 
 
 def printable(text: str) -> str:

@@ -166,7 +166,7 @@ def _shown(module: str, default: Any) -> str:
 
 
 def _assigned(module: str, name: str) -> str:
-    """Return what stands for the name of a constant in a module, or in the one that it is from."""
+    """Value of a constant in a module, or in the module that it is imported from."""
     for each in tree(module).body:
         if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == name:
             return _shown(module, each.value)

@@ -153,7 +153,7 @@ def _of_chain(
     reading: str = "bob",
     **described: Any,
 ) -> Callable[..., list[Recording]]:
-    """Return what records the motion of a chain at intervals [s]."""
+    """Recorder of the motion of a chain at intervals [s]."""
     import numpy as np
 
     from npend_gym.experiments import ReleaseExperiment
@@ -174,7 +174,7 @@ def _of_chain(
 def _of_policy(
     policy: str, seed: int, duration: float | None, *, trust: bool
 ) -> Callable[..., list[Recording]]:
-    """Return what has the record of an episode, by the name or the file of its policy."""
+    """Recorder of an episode of a policy, given by its name or file."""
     from npend_gym import _checks
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
     from npend_gym.rl.policies.shipped import find_policy

@@ -80,7 +80,7 @@ def angles(text: str) -> list[float]:
 
 
 def columns(text: str) -> dict[str, str]:
-    """Return what "time=t,theta0=q1" means."""
+    """Columns by name: "time=t,theta0=q1" reads the time from t, theta0 from q1."""
     pairs = [pair.partition("=") for pair in text.split(",")]
     if not all(name and sign and column for name, sign, column in pairs):
         raise argparse.ArgumentTypeError(f"must be like time=t,theta0=q1, got {text!r}")

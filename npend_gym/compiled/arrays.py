@@ -55,6 +55,6 @@ def packs(array: _T) -> _T:
 
 
 def lane(array: _T, k: int) -> _T:
-    """Return what lane `k` of an array of packs holds, a bare view; floats are one lane."""
+    """Lane `k` of an array of packs, as a bare view; floats are one lane."""
     del k
     return array

@@ -86,7 +86,7 @@ class Callback:
 def compiled_if_possible(
     functions: Mapping[str, Any], build: Callable[[Mapping[str, Any], Any], Writer]
 ) -> Writer | None:
-    """Return what `build` makes of functions, for machine code; None where Numba cannot compile it.
+    """Functions compiled by `build`, for machine code; None where Numba cannot compile them.
 
     `build` is given the compiled functions, and what compiles those that it makes of them. All are
     parts of the one function that C calls, which alone becomes machine code (`Callback`).

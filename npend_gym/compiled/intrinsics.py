@@ -137,7 +137,7 @@ def _of_lane(one):
 
 @_implements(lane)
 def _lane_view(typingctx, array, k):
-    """Return what lane `k` of an array of packs holds, a bare view; floats are one lane."""
+    """Lane `k` of an array of packs, as a bare view; floats are one lane."""
     result, make = _each(array, _of_lane)
 
     def code(context, builder, sig, args):

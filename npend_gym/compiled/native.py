@@ -92,7 +92,7 @@ class Code(NamedTuple):
 
     @classmethod
     def unpacked(cls, data: bytes) -> Code:
-        """Return what `packed` made bytes of."""
+        """The value of which `packed` made bytes."""
         end = 4 + int.from_bytes(data[:4], "little")
         form, symbol, needs, returns = json.loads(data[4:end])
         if form != _FORMAT:
@@ -214,7 +214,7 @@ class _Loaded:
         self.call: Any = _CALL(address)
 
     def result(self, out: Any) -> Any:
-        """Return what the kernel returned into `out`."""
+        """Result of a kernel, read from `out`."""
         if not self.returns:
             return None
         values = [_READ[letter](out, 8 * k) for k, letter in enumerate(self.returns)]
@@ -324,7 +324,7 @@ def _are_laid_out_as_known() -> bool:
 
 @cache
 def _engine() -> Any:
-    """Return what loads object files."""
+    """The loader of object files."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     machine = binding.Target.from_default_triple().create_target_machine()

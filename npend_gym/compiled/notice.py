@@ -23,12 +23,12 @@ def say(text: str) -> None:
 
 def announce_compilation() -> None:
     """Print `NOTICE`, once per process, unless nobody waits at a terminal or a notebook."""
-    if NOTICE not in _said and somebody_waits():
+    if NOTICE not in _said and is_watched():
         print(NOTICE, file=sys.stderr, flush=True)
     _said.add(NOTICE)
 
 
-def somebody_waits() -> bool:
+def is_watched() -> bool:
     """Return whether the standard error stream is seen while the program runs."""
     if sys.stderr is None or os.environ.get("NPEND_GYM_QUIET"):
         return False

@@ -53,7 +53,7 @@ class _PackModel(PrimitiveModel):
         super().__init__(dmm, fe_type, _REGISTERS[fe_type])
 
     def get_data_type(self):
-        """Return what stands in memory: of truths, a byte for each."""
+        """Elements as memory has them: a byte for each truth."""
         if self._fe_type == TRUTHS:
             return ir.VectorType(ir.IntType(8), WIDTH)
         return self.get_value_type()

@@ -96,7 +96,7 @@ class Translation:
         return self.done[text]
 
     def value(self, value: Any) -> Any:
-        """Return what stands on the GPU for the value of a name."""
+        """Counterpart on the GPU of the value of a name."""
         if value is CUDA:
             return self.cuda
         if value is FLOAT:

@@ -357,7 +357,7 @@ def substeps_on_base(
 
 
 def _speed_scale(observation: str, chain: Chain) -> FloatArray:
-    """Return what angular velocities are divided by in observations [rad/s], shape (n,)."""
+    """Scales of angular velocities in observations [rad/s], shape (n,)."""
     scale = np.ones(chain.n)
     if observation == "scaled":
         scale = np.sqrt(2.0 * chain.lifting_energy / chain.repeated(1).joint_inertia[0])

@@ -21,14 +21,14 @@ from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import Mode, Quantities, leans, left_rail, rail_factor
-from npend_gym.envs.outputs import Beginnings, Outputs
+from npend_gym.envs.outputs import EpisodeStarts, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import LaneNumbers, Seeds
 from npend_gym.envs.settings import HARDWARE, OF_LANES
 from npend_gym.envs.snapshots import Snapshots, States
 from npend_gym.envs.starts import (
-    BY_PYTHON,
     CHOSEN,
+    CUSTOM,
     Draw,
     begin_episodes,
     draw_chains,
@@ -46,7 +46,7 @@ _OF_ARRAYS = "is ambiguous", "Python scalar", "to a scalar"
 
 
 def returned_by(mode: Mode, method: str, quantities: Quantities[Any]) -> Any:
-    """Return what a method of a mode returns, or say that it takes arrays for numbers."""
+    """Result of a method of a mode; an error says that it takes arrays for numbers."""
     try:
         return getattr(mode, method)(quantities)
     except (ValueError, TypeError, RuntimeError) as error:
@@ -162,7 +162,7 @@ class Episodes:
 
         Without any, options that persist hold. `observe` or `step` shows the new episodes.
         """
-        memory, by_python = self._memory, self._start[0] == BY_PYTHON
+        memory, by_python = self._memory, self._start[0] == CUSTOM
         memory.arrays[0][Episode.STARTING, : self.count] = mask
         if self.motors is not None:
             self.motors.torques[:, : self.count][:, mask] = 0.0
@@ -252,7 +252,7 @@ class Episodes:
         self.some_altered = True
         self.observe()
 
-    def beginnings(self) -> Beginnings:
+    def beginnings(self) -> EpisodeStarts:
         """Return how the episodes began, after `start` and before a step."""
         members, config, count = self._memory.members, self.config, self.count
         limits = np.tile(members[Setting.max_torque], (config.joints.size, 1)).T
@@ -260,7 +260,7 @@ class Episodes:
         goals = self._memory.read(Pose.GOAL) if config.mode.has_goals else np.zeros((count, 0))
         settings = {name: members[getattr(Setting, name)].copy() for name in HARDWARE}
         chains, context = self._memory.parameters, self._context[:count].copy()
-        return Beginnings(self.angles, chains, limits, goals, context, settings)
+        return EpisodeStarts(self.angles, chains, limits, goals, context, settings)
 
     @property
     def angles(self) -> FloatArray:
@@ -355,7 +355,7 @@ class Episodes:
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
 
     def _returned_by(self, method: str, quantities: Quantities[Any]) -> NDArray[Any]:
-        """Return what a method of the mode returns, of shape () or (B,), or say what is wrong."""
+        """Result of a method of the mode, of shape () or (B,); an error says what is wrong."""
         mode, is_reward = self.config.mode, method == "reward"
         value = returned_by(mode, method, quantities)
         try:

@@ -73,7 +73,7 @@ class Motors:
         """The force at the tip of each lane in the last step [N], (lanes,)."""
         return self._commands[Command.PUSH, 0]
 
-    def keep_noise_to(self, motors: int) -> None:
+    def set_noisy_motors(self, motors: int) -> None:
         """Let noise and ripple act on this many motors, the first, alone."""
         self.noisy = motors
         self._commands[Command.NOISE, motors:] = 0.0

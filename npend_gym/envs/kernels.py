@@ -153,7 +153,7 @@ def _never(_: None, quantities: Quantities[Any]) -> Any:
 
 @spliced_kernel
 def _no_mode(_: int, quantities: Quantities[Any]) -> tuple[Any, Any, Any]:
-    """Return what stands where Python judges: no reward, no failure, no success."""
+    """Reward, failure and success where Python judges: none of them."""
     no = _never(None, quantities)
     return 0.0 * quantities.height, no, no
 

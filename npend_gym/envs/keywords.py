@@ -114,7 +114,7 @@ def with_config_keywords(owner: _Class) -> _Class:
 
 # What stands in docstrings where these lists are to be, which help() and the pages then have
 _KEYWORDS = "    **keywords\n        Listed by `help`."
-_MODES = "    The list is that of `help`."
+_MODES = "    `help` lists them."
 
 
 def _described(parameters: Sequence[inspect.Parameter]) -> Iterator[str]:

@@ -66,7 +66,7 @@ def leans(uprightness: Any, least: float) -> Any:
 
 
 def rail_factor(rail_position: Any) -> Any:
-    """Return what a cart multiplies the reward by: 1 in the middle of the rail, 1/2 at its ends."""
+    """Factor of the reward by the cart's place: 1 in the middle of the rail, 1/2 at its ends."""
     return 1.0 - 0.5 * (rail_position * rail_position)
 
 

@@ -54,7 +54,7 @@ def _info_maker(keys: Iterable[str], n: int, *, many: bool) -> Callable[..., Any
     return eval(f"lambda outputs, rows, numbers, flags: {{{', '.join(entries)}}}")  # noqa: S307
 
 
-class Beginnings(NamedTuple):
+class EpisodeStarts(NamedTuple):
     """How the present episodes of B lanes began, new arrays."""
 
     state: FloatArray  # as `Episodes.angles` has it, (B, 2c)
@@ -147,7 +147,7 @@ class Outputs:
         return rewards[: self.count], flags[Flag.TERMINATED], flags[Flag.TRUNCATED]
 
     def quantities(self, *, of_only_lane: bool = False) -> Quantities[Any]:
-        """Return what a mode judges by: arrays (B, ...), or of one lane alone plain numbers."""
+        """Quantities that a mode judges: arrays (B, ...), or plain numbers of a single lane."""
         outputs = self.rows[:, 0] if of_only_lane else self.rows[:, : self.count]
         theta, omega = (outputs[self._per_rod[key]].T for key in ("theta", "omega"))
         rows = outputs[self._judged_by]
@@ -174,7 +174,7 @@ class Outputs:
         return self._info_of_all(self, rows, rows, self.flags[:, : self.count])
 
     def only_lane(self) -> tuple[Any, float, bool, bool, Info[float, int, bool]]:
-        """Return what `step` does of the only lane, as plain numbers: the quick way."""
+        """Result of `step` for the only lane, as plain numbers: the quick way."""
         lane, flags = self.rows[:, 0], self.flags[:, 0].tolist()
         numbers = lane[:_ROWS].tolist()
         info = self._info_of_one(self, lane, numbers, flags)

@@ -71,7 +71,7 @@ class Randomization(NamedTuple):
 
 
 def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> Randomization:
-    """Return what the keyword `randomize` asks for, or say what is wrong with it.
+    """Check the keyword `randomize` and take it apart.
 
     `settings` has the values that the environment is made with, of those of `SETTINGS` that it has.
     """

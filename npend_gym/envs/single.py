@@ -57,7 +57,7 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     -----
     The names in the formulas are those of `Quantities`.
 
-    The list is that of `help`.
+    `help` lists them.
 
     Observation
     -----------

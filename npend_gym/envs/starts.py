@@ -38,7 +38,7 @@ class StartFields(NamedTuple):
 
 
 Start: StartFields = StartFields()
-BY_PYTHON, RELEASE, NEAR_POSE = range(3)  # kinds of start
+CUSTOM, RELEASE, NEAR_POSE = range(3)  # kinds of start
 CHOSEN = 2.0  # times the cosines of an equilibrium that reset options choose
 
 
@@ -264,7 +264,7 @@ def begin_episodes(
         if start[Start.GOALS] > 0.0:
             _draw_equilibria(members, rods, keys, k, width, n)
         _begin_cart(members, rods, model, keys, k, start)
-        if start[Start.KIND] != BY_PYTHON:
+        if start[Start.KIND] != CUSTOM:
             _draw_state(members, rods, keys, k, width, n, start)
         begin_to_measure(members, rods, k, width, n)
 

@@ -158,14 +158,14 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         self._done = np.zeros(self.num_envs, np.bool_)
         return episodes.outputs.masked_info() | final
 
-    def keep_noise_to(self, motors: int) -> None:
+    def set_noisy_motors(self, motors: int) -> None:
         """Let `torque_noise` and `torque_ripple` act on this many motors, the first, alone.
 
         The others then stand for torques that no motor exerts.
         """
         count = _checks.count("motors", motors, low=0, high=self.config.joints.size)
         if self._episodes.motors is not None:
-            self._episodes.motors.keep_noise_to(count)
+            self._episodes.motors.set_noisy_motors(count)
 
     def get_state(self, lanes: ArrayLike | None = None) -> States:
         """Return the whole state of all lanes, or of some, by number or as a mask: records (k,).

@@ -63,7 +63,7 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
 
 
 def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:
-    """Return what `curve_fit` found in a number of points, with confidence intervals."""
+    """Parameters that `curve_fit` found in a number of points, with confidence intervals."""
     widths = _student(points - len(values)) * np.sqrt(np.diag(covariance))
     return [Estimate(float(v), float(w)) for v, w in zip(values, widths, strict=True)]
 

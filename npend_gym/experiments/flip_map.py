@@ -213,7 +213,7 @@ class FlipMap:
         return slice(k * _ROWS, min(self.size, (k + 1) * _ROWS))
 
     def _about(self, **more: int) -> str:
-        """Return what makes the numbers of this map, or of a part of it, what they are."""
+        """Settings that determine the numbers of this map, or of a part of it."""
         about = {"version": __version__, "arguments": self.as_dict()} | more
         return json.dumps(about, sort_keys=True)
 

@@ -128,7 +128,7 @@ def signals(motion: Trajectory, reading: str) -> FloatArray:
 def _shown(
     motion: Trajectory, signal: FloatArray, reading: str, sensor: Sensor, seed: int
 ) -> FloatArray:
-    """Return what the sensor shows of a motion; a height is measured from where the bob rests."""
+    """Reading of the sensor for a motion; a height is measured from where the bob rests."""
     hanging, chain = 0.0, motion.chain
     if reading == "height":
         lengths = chain.lengths

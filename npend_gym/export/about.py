@@ -34,7 +34,7 @@ def described(model: Policy | Feedback) -> dict[str, Any]:
 
 
 def _made_by(controller: Feedback) -> dict[str, Any]:
-    """Return what a controller is, as the provenance of a policy says how it was trained."""
+    """Description of a controller, as the provenance of a policy says how it was trained."""
     if isinstance(controller, StateFeedback):
         about = {"controller": "state feedback", "angle": np.asarray(controller.angle).tolist()}
         on_cart = controller.config.has_cart

@@ -131,7 +131,7 @@ def _config_of_controller(controller: Any) -> EnvConfig:
 
 
 def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
-    """Return what the template has of the network."""
+    """Values of the template for the network."""
     sizes = [policy.scale.size, *(bias.size for bias in policy.biases)]
     layers = zip(policy.weights, policy.biases, strict=True)
     numbers = np.concatenate([np.r_[bias, weight.T.ravel()] for weight, bias in layers])
@@ -160,7 +160,7 @@ def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
 
 
 def _of_observations(config: EnvConfig, prefix: str) -> dict[str, Any]:
-    """Return what the template has of observations."""
+    """Values of the template for observations."""
     n, speed, scale = config.n, "speed", ""
     if np.any(config.speed_scale != 1.0):
         speed, values = f"speed / {prefix}_speed_scale[i]", _table(config.speed_scale)
@@ -189,7 +189,7 @@ def _of_observations(config: EnvConfig, prefix: str) -> dict[str, Any]:
 
 
 def _of_table(controller: Feedback, config: EnvConfig) -> dict[str, Any]:
-    """Return what the template has of a controller: in each row a state, actions and gains."""
+    """Values of the template for a controller: in each row a state, actions and gains."""
     if isinstance(controller, StateFeedback):
         rows, phases, wait = [_row_of(controller)], "the state that is held", 0
     else:
@@ -215,7 +215,7 @@ def _row_of(held: StateFeedback) -> FloatArray:
 
 
 def _of_hardware(config: EnvConfig) -> dict[str, Any]:
-    """Return what the templates have of motors and sensors."""
+    """Values of the templates for motors and sensors."""
     n = config.n
     motors = [f"torque at joint {k}" if k < n else "force on the cart" for k in config.joints]
     return {

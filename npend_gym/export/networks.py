@@ -160,7 +160,7 @@ def _as_policy(policy: Any) -> Policy:
 
 
 def _texts(policy: Policy) -> dict[str, str]:
-    """Return what a file says of a policy as texts, of JSON but for the version."""
+    """Metadata of a policy in a file: texts, of JSON but for the version."""
     values = described(policy).items()
     return {name: each if isinstance(each, str) else json.dumps(each) for name, each in values}
 

@@ -123,7 +123,7 @@ def _equations(
 
 
 def _terms(model: Model, theta: FloatArray, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what multiplies the values in the momenta and in the forces, (T, n, 9, n).
+    """Coefficients of the values in the momenta and in the forces, (T, n, 9, n).
 
     Entry (t, i, q, k) belongs to the equation of link i and to quantity q of link k.
     """

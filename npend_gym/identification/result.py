@@ -155,7 +155,7 @@ class Identification:
 def describe(
     motion: Motion, segments: list[slice], errors: FloatArray, given: FloatArray, *, held_out: bool
 ) -> list[dict[str, Any]]:
-    """Return what `Identification.segments` says of these, with the errors of two chains."""
+    """Rows of `Identification.segments` for these, with the errors of two chains."""
     return [
         {
             "piece": int(motion.piece[rows.start]),

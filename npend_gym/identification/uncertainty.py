@@ -179,7 +179,7 @@ def undetermined(
 
 
 def _scale(chain: Chain) -> str:
-    """Return what sets the scale of free swings."""
+    """The quantity that sets the scale of free swings."""
     kept = f"lift0 = {chain.lift[0]:.6g} kg m" if weighs(chain)[0] else "inertia0"
     text = (
         "the scale: free swings do not change when all masses, inertias, damping, friction and "

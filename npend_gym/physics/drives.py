@@ -95,7 +95,7 @@ class Drives:
     def at(
         self, times: FloatArray, q: FloatArray, u: FloatArray, *, alone: bool = False
     ) -> FloatArray:
-        """Return what acts at instants (S,) in states (S, m) each, (S, n + AFTER_TORQUES).
+        """Loads at instants (S,) in states (S, m) each, (S, n + AFTER_TORQUES).
 
         With `alone`, refuse functions that depend on the state in any of these.
         """

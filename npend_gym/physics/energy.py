@@ -151,7 +151,7 @@ def stretched(chain: Chain, stretch: FloatArray) -> ChainParameters:
 
 
 def stretching(chain: Chain, theta: FloatArray, rate: FloatArray) -> FloatArray:
-    """Return what stretching at this rate adds to the velocities of bobs [m/s], (..., n, 2)."""
+    """Velocities of bobs by stretching at this rate alone [m/s], (..., n, 2)."""
     # sum_k x_k' e_k, as positions are sums of the lengths along the rods
     return positions(_with_lengths(chain, rate, rate), theta)
 

@@ -90,10 +90,6 @@ class Ensemble(Members):
 
     _always_packed = False
 
-    @_checks.keywords_moved(
-        cart_mass="of the chain: Chain(..., base=Cart(mass))",
-        rail_damping="of the chain: Chain(..., base=Cart(mass, damping))",
-    )
     def __init__(
         self,
         chains: Chain | Sequence[Chain],

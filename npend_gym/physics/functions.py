@@ -43,7 +43,7 @@ def takes_time_alone(function: Any) -> bool:
 
 
 def called(name: str, function: Any, t: float, *state: FloatArray) -> FloatArray:
-    """Return what a function says at an instant, perhaps in a state.
+    """Value of a function at an instant, perhaps in a state.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def called(name: str, function: Any, t: float, *state: FloatArray) -> FloatArray
 
 
 def _numbers(values: Any) -> Any:
-    """Return what a function returned, refused where it is text."""
+    """Check the value of a function, which may be no text."""
     if np.asarray(values).dtype.kind in "US":
         raise TypeError(f"it must return real numbers, got {_checks.show(values)}")
     return values

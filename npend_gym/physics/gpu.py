@@ -244,7 +244,7 @@ def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
 
 
 def _known(resisted: bool) -> dict[Any, Any]:
-    """Return what stands for functions that look for features of chains."""
+    """Stand-ins for functions that look for features of chains."""
     drag = threads.always_drag if resisted else threads.never_drag
     return {layout.resists: drag, layout.rubs: threads.always, layout.turns: threads.always}
 

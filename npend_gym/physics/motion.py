@@ -196,7 +196,7 @@ class Motion:
     def _adaptive(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
     ) -> Advance:
-        """Return what takes a number of steps of DOP853 at most, up to the last of `ends`.
+        """A function that takes a number of steps of DOP853 at most, up to the last of `ends`.
 
         It returns how many of the frames are written, what was counted, the state reached, and
         the exception that ended the steps, if one did.
@@ -244,7 +244,7 @@ class Motion:
     def _fixed(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
     ) -> Advance:
-        """Return what takes steps of Runge-Kutta 4; see `_adaptive`."""
+        """A function that takes steps of Runge-Kutta 4; see `_adaptive`."""
         y, dt, n, width = state.copy(), self.settings["dt"], self.mechanism.n, self.width
         steps, progress = count_steps(ends, dt), np.array([1, 0, 0])
         rods = torque, self.arrays, new_rk4_scratch(self.mechanism.size, width)

@@ -38,7 +38,7 @@ class Function:
         return self.function
 
     def __call__(self, *arguments: Any) -> Any:
-        """Return what the function says."""
+        """Value of the function."""
         return self.required()(*arguments)
 
     def __deepcopy__(self, _: Any) -> Function:
@@ -88,7 +88,7 @@ class Recipe(NamedTuple):
 
 
 def drives_of(mechanism: Mechanism, recipe: Recipe) -> Drives:
-    """Return what drives one motion by a recipe.
+    """Drives of one motion by a recipe.
 
     Raises
     ------

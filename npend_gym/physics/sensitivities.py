@@ -111,7 +111,7 @@ def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterato
 
 
 def _loads(motion: Motion, torque: Torque, taken: TakenSteps, instants: FloatArray) -> FloatArray:
-    """Return what acts at each stage of each step, (S or 1, stages or 1, loads)."""
+    """Loads at each stage of each step, (S or 1, stages or 1, loads)."""
     drives = motion.drives
     if isinstance(torque, np.ndarray):
         return torque.copy()[None, None]

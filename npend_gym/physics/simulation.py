@@ -24,14 +24,6 @@ from npend_gym.physics.trajectory import EVENTS, Trajectory
 from npend_gym.physics.watch import Occurrence, Sightings, Watch
 
 
-@_checks.keywords_moved(
-    cart_mass="of the chain: Chain(..., base=Cart(mass))",
-    rail_damping="of the chain: Chain(..., base=Cart(mass, damping))",
-    stiffness="of the chain: Chain(..., stiffness=...)",
-    axial_damping="of the chain: Chain(..., axial_damping=...)",
-    pivot_velocity="named velocity",
-    device="a function of its own: npend_gym.physics.simulate_on_device(...)",
-)
 def simulate(
     chain: Chain | Sequence[Chain],
     theta: ArrayLike,
@@ -247,7 +239,7 @@ def _until_ends(
 
 
 def _found(seen: list[Sightings], n: int, count: int, width: int, *, one: bool) -> dict[str, Any]:
-    """Return what was found in each of `count` motions, by the names of `Trajectory`.
+    """Events found in each of `count` motions, by the names of `Trajectory`.
 
     `width` is that of a state, 2m.
     """

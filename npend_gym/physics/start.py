@@ -150,7 +150,7 @@ class Start:
         return motion_of(mechanism, state, self._begin, own, self._callbacks, named)
 
     def described(self) -> dict[str, Any]:
-        """Return what made the motions, for their provenance, when they have been followed."""
+        """Provenance of the motions, when they have been followed."""
         recipe = self.recipe
         made: dict[str, Any] = {} if self.is_one else {"motions": self.count}
         made |= {"method": recipe.method} | recipe.settings

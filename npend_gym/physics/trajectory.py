@@ -155,7 +155,7 @@ class Trajectory:
         return self.counts
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled and copied: not the steps that `at` keeps and can take again."""
+        """State to pickle and copy: without the steps that `at` keeps and can take again."""
         return {name: each for name, each in self.__dict__.items() if name != "_steps"}
 
     def __len__(self) -> int:

@@ -65,7 +65,7 @@ def save(motion: Trajectory, path: str | PathLike[str]) -> None:
 
 
 def _plain(drive: Any) -> Any:
-    """Return what drives a motion as JSON holds it."""
+    """Drives of a motion as JSON holds them."""
     if isinstance(drive, np.ndarray):
         return drive.tolist()
     if isinstance(drive, Signal):

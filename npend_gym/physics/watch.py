@@ -77,7 +77,7 @@ class Sightings:
             self.counts[k] += own.time.size
 
     def as_dict(self, n: int, width: int) -> dict[str, list[FloatArray]]:
-        """Return what was found, by the names of `Trajectory`; `width` is that of a state, 2m."""
+        """Events found, by the names of `Trajectory`; `width` is that of a state, 2m."""
         half, no_time, no_state = width // 2, np.zeros(0), np.zeros((0, width))
         states = [np.concatenate([no_state, *(each.state for each in found)])
                   for found in self.found]  # fmt: skip

@@ -77,7 +77,7 @@ def _write(fonts: Any, picture: Any, scene: Scene) -> None:
 
 
 def _periods(scene: Scene) -> tuple[str, ...]:
-    """Return what can be written of the pseudo-period, the longest first."""
+    """Captions for the pseudo-period, the longest first."""
     if scene.pseudo_period is None:
         return ()
     period, n = f"{scene.pseudo_period:.3f} s" if scene.pseudo_period else "-", len(scene.positions)

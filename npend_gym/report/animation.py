@@ -133,7 +133,7 @@ class Film:
         return np.hstack([chain, self._diagrams_at(k, *self._diagrams)])
 
     def scene(self, k: int) -> Scene:
-        """Return what picture `k` shows of the chain; after the last, how it ended."""
+        """Contents of picture `k` of the chain; after the last, how it ended."""
         recording, now = self.recording, self._shown[k] if k < len(self) else -1
         motion, time = recording.motion, recording.motion.times[now]
         done = recording.periods <= time

@@ -16,7 +16,7 @@ _MRAD = 1e3
 
 
 def identification_text(result: Identification) -> str:
-    """Return what was fitted, how well, and what the data do not determine, as text."""
+    """Text of the values fitted, their errors, and the values that the data do not determine."""
     held = sum(one["held_out"] for one in result.segments)
     longest = max(one["end"] - one["start"] for one in result.segments)
     outliers = int(result.outliers[result.held_out].sum())

@@ -51,7 +51,7 @@ _NOTES_BEYOND = {
 
 
 def legend(experiment: ReleaseExperiment) -> str:
-    """Return what the columns mean, and by which sensor bobs were measured, if by one."""
+    """Text on the columns, and on the sensor that measured the bobs, if one did."""
     reading = experiment.reading
     lines = [LEGEND.format(reading=reading, seed=experiment.seed)]
     beyond = abs(experiment.amplitude) + experiment.spread > 0.5 * math.pi
@@ -121,7 +121,7 @@ def write(
 
 
 def read(folder: Path) -> tuple[ReleaseExperiment, list[Run]]:
-    """Return what `write` wrote to `folder`: the release and its runs, to the last bit.
+    """Read what `write` wrote to `folder`: the release and its runs, to the last bit.
 
     Raises
     ------

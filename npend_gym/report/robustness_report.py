@@ -30,7 +30,7 @@ def evaluation_text(row: Mapping[str, Any], threshold: float | None = None) -> s
 
 
 def robustness_text(result: Mapping[str, Any]) -> str:
-    """Return what `npend_gym.rl.Robustness.as_dict` has as a table."""
+    """Table of the numbers of `npend_gym.rl.Robustness.as_dict`."""
     outcomes: Mapping[str, Any] = result["outcomes"]
     lines = [f"{'criterion':16}{'survived':>10}{'values':>8}"]
     for name, outcome in outcomes.items():

@@ -83,7 +83,7 @@ class FilmOfMany(Film):
         return pictures_of(_drawn(self._recordings), self._painter.size)
 
     def scene(self, k: int) -> Scene:
-        """Return what picture `k` shows of the chains, the first one in front."""
+        """Contents of picture `k` of the chains, the first one in front."""
         now, scenes = super().scene(k), list[Scene]()
         for film, color in zip(self._films, self._colors, strict=True):
             own = film.scene(k)

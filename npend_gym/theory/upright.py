@@ -218,7 +218,7 @@ def hardness(
     seconds: float = 20.0,
     share: float = 0.1,
 ) -> Hardness:
-    r"""Return what it takes to keep a linearised chain upright.
+    r"""Demands of a linearised chain on sensors, motor and controller, to be kept upright.
 
     Parameters
     ----------

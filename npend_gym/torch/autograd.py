@@ -173,6 +173,6 @@ def _folded(size: int, dims: Sequence[int | None], inputs: Sequence[Tensor]) -> 
 
 
 def _unfolded(size: int, outputs: Sequence[Tensor]) -> tuple[Any, Any]:
-    """Return what `_folded` calls gave, with the batch in front."""
+    """Results of `_folded` calls, with the batch in front."""
     apart = tuple(x.reshape(size, len(x) // size, *x.shape[1:]) for x in outputs)
     return apart, (0,) * len(apart)

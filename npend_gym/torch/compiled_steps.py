@@ -79,7 +79,7 @@ class CompiledSteps:
         self._on_gpu: DeviceSteps | None = None
 
     def where(self, tensor: Tensor) -> CompiledSteps | DeviceSteps:
-        """Return what takes these steps where a tensor is: `DeviceSteps` on a GPU."""
+        """The steps for the device of a tensor: `DeviceSteps` on a GPU."""
         if not device_steps.on_gpu(tensor):
             return self
         self._on_gpu = self._on_gpu or DeviceSteps(self.chain, self.joints, self.timing)

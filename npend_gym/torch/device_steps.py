@@ -162,7 +162,7 @@ def _copy(tensor: Tensor) -> Tensor:
 
 
 def _shared(tensor: Tensor) -> Any:
-    """Return what Numba takes for a tensor: itself, or in the simulator an array of its memory."""
+    """A tensor as an argument of Numba: itself, or in the simulator an array of its memory."""
     return tensor.numpy() if simulated() else tensor
 
 

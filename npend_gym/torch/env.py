@@ -261,7 +261,7 @@ class DifferentiableVectorEnv(ManyLanes):
     def _outcome(
         self, clipped: Tensor, fresh: Tensor | None
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """Return what `step` does; lanes that are `fresh` have only begun."""
+        """Result of `step`; lanes that are `fresh` have only begun."""
         state = State(self._theta, self._omega, self._lanes)
         squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._zeros(self.num_envs)
         reward, terminated, achieved = judge(self.config, state, self._start_energy, squares)

@@ -46,7 +46,7 @@ class Past:
         self._kept = [value, *self._kept[:-1]]
 
     def around(self, delay: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return what was before and after a delay, in steps, (B,), and the fraction of a step."""
+        """Steps before and after a delay, (B,), and the fraction of a step between them."""
         whole = delay.floor()
         kept, lanes = torch.stack(self._kept), torch.arange(len(delay), device=delay.device)
         newer = kept[whole.long(), lanes]
@@ -153,7 +153,7 @@ class Sensors:
             self._past.add(torch.cat([q, u], dim=1))
 
     def shown(self, state: State, age: Tensor, settings: Settings) -> State:
-        """Return what the sensors show where a state is true, in these steps of the episodes."""
+        """Readings of the sensors of a true state, in these steps of the episodes."""
         if self._sensors is None:
             return state
         column = {name: settings[name][:, None] for name in settings}

@@ -18,7 +18,7 @@ from npend_gym.envs import EnvConfig, Quantities
 from npend_gym.envs.episodes import returned_by
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
 from npend_gym.envs.modes import leans, left_rail, rail_factor
-from npend_gym.envs.outputs import Beginnings
+from npend_gym.envs.outputs import EpisodeStarts
 from npend_gym.envs.rows import MAX_CART_ENTRY
 from npend_gym.physics.energy import kinetic_from, kinetic_on_cart, lift_from
 from npend_gym.torch.autograd import SinCos, applied
@@ -41,9 +41,9 @@ class Lanes(NamedTuple):
 
     @classmethod
     def of(
-        cls, began: Beginnings, config: EnvConfig, device: torch.device, *, alike: bool
+        cls, began: EpisodeStarts, config: EnvConfig, device: torch.device, *, alike: bool
     ) -> Lanes:
-        """Return what episodes began with; of the first lane only where all chains are alike."""
+        """EpisodeStarts of episodes; of the first lane only where all chains are alike."""
 
         def put(values: FloatArray) -> Tensor:
             return torch.from_numpy(values).to(device)

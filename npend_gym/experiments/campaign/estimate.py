@@ -42,7 +42,7 @@ class CampaignEstimate:
 
 
 def estimate(plan: CampaignPlan) -> CampaignEstimate:
-    """Return what a campaign would take on this machine, where some releases are timed."""
+    """Estimate time and space of a campaign on this machine, from some timed releases."""
     counts = np.array(plan.n).reshape(-1)
     per_n = plan.releases // counts.size
     seconds = per_n * float(relative_time(counts).sum()) * _time_of_five_rods(plan)

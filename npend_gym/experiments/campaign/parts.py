@@ -129,7 +129,7 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
 
 
 def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a cell releases; the chain of the plan, where it has one, whole as JSON."""
+    """Arguments of the releases of a cell; the chain of the plan, if any, whole as JSON."""
     chain = plan.chain_of(cell)
     ideal = theory.ideal_period(chain) if chain.has_bobs and chain.is_hung else np.nan
     fundamental = theory.fundamental_period(chain) if chain.is_hung else np.nan

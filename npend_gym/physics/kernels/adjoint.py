@@ -28,7 +28,7 @@ ADJOINT_ROWS = max(8, BOB_ADJOINT_ROWS)
 
 
 def _places_of(machine: bool, springs: bool) -> Callable[..., None]:
-    """Return what the adjoint does on its way down the chain."""
+    """The adjoint's way down the chain, compiled for a kind."""
 
     @inlined_kernel
     def place(

@@ -209,7 +209,7 @@ def check_terms(chains: ChainParameters, count: int) -> None:
 
 
 def model_terms(chains: ChainParameters, base: FloatArray | None = None) -> list[FloatArray]:
-    """Return what chains need beside lengths, damping, drag and gravity: none, 3 or 4 arrays.
+    """Arrays of chains beside lengths, damping, drag and gravity: none, 3 or 4.
 
     Those are `LinkArrays.terms`, friction, base and rotors; shapes are (rows, B, n), and for the
     base (len(Base), B, 1) if it moves, or (0, B, 1).

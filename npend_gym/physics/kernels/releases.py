@@ -92,7 +92,7 @@ def _springs(chain: Any) -> Stretching:
     },
 )
 def _rods_of(chain: AnyArrays) -> Rods:
-    """Return what readings need to know of the rods."""
+    """Quantities of the rods that readings need."""
     raise NotImplementedError
 
 
@@ -149,7 +149,7 @@ def _along_rod(
     reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
     rods: Rods,
 ) -> tuple[float, float]:  # fmt: skip
-    """Return what rod `i` adds to the signal of its bob and of those below, and to the slope."""
+    """Terms of rod `i` in the signal of its bob and of those below, and in the slope."""
     raise NotImplementedError
 
 

@@ -116,7 +116,7 @@ def mark(
 
 @inlined_kernel
 def _of_com(chain: Group, of_bobs: FloatArray) -> float:
-    """Return what the centre of mass has of a quantity that adds up along the rods, as speed."""
+    """Share of the centre of mass in a quantity that adds up along the rods, such as speed."""
     total = mass = above = 0.0
     for i in range(chain.velocity.size):
         total = total + chain.carried[i] / chain.chain.length[i] * (of_bobs[i] - above)

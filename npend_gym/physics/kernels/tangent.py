@@ -131,7 +131,7 @@ def _pose_of(ideal: bool, machine: bool, springs: bool) -> Callable[..., None]:
 
 
 def _changes_of_points(ideal: bool, springs: bool) -> Callable[..., None]:
-    """Return what a tangent does on its way down the chain."""
+    """The tangent's way down the chain, compiled for a kind."""
     count_rods = count_rods_of(ideal)
 
     @inlined_kernel

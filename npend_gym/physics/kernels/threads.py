@@ -58,7 +58,7 @@ def _advance(
 
 
 def short_chains(n: int) -> Callable[..., None]:
-    """Return what a thread runs that has a chain of `n` rods in its own memory.
+    """Kernel of a thread that has a chain of `n` rods in its own memory.
 
     Its arguments are theta, omega and torque, shape (lanes, n); diverged, (lanes,), of zeros and
     ones; the parameters of the chains, (lanes, 12, n) or (1, 12, n); then dt, the substeps, and
@@ -131,7 +131,7 @@ def long_chains() -> Callable[..., None]:
 
 
 def sines() -> Callable[..., None]:
-    """Return what a thread runs that writes sine and cosine of an entry of x (m,) into s and c."""
+    """Kernel of a thread that writes sine and cosine of an entry of x (m,) into s and c."""
 
     def sine_threads(x: Any, s: Any, c: Any) -> None:
         i = CUDA.grid(1)
@@ -142,7 +142,7 @@ def sines() -> Callable[..., None]:
 
 
 def clears() -> Callable[..., None]:
-    """Return what a thread runs that clears its part of an array (rows, columns, lanes)."""
+    """Kernel of a thread that clears its part of an array (rows, columns, lanes)."""
 
     def clear_threads(array: Any) -> None:
         lane = CUDA.grid(1)
@@ -164,7 +164,7 @@ def storage_shapes(n: int, terms: int, lanes: int) -> list[tuple[int, ...]]:
 
 
 def adjoints() -> Callable[..., None]:
-    """Return what a thread runs that takes derivatives back through a step of any chain.
+    """Kernel of a thread that takes derivatives back through a step of any chain.
 
     Its arguments are theta, omega and torque; the derivatives by theta and omega, which it takes
     from the end of the step to its beginning; the derivatives by the torques, which it adds:

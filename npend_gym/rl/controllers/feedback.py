@@ -127,6 +127,6 @@ def state_feedback(
 
 
 def state_names(config: EnvConfig) -> str:
-    """Return what the entries of a state are, in a few words."""
+    """Names of the entries of a state, in a few words."""
     cart = (", the cart's position", ", its velocity") if config.has_cart else ("", "")
     return f"{config.n} angles{cart[0]}, {config.n} angular velocities{cart[1]}"

@@ -63,7 +63,7 @@ class DisturbedEnvs:
         if config.has_cart:
             every["max_force"] = config.max_force
         self._envs = setting.make(num_envs, **every)
-        self._envs.unwrapped.keep_noise_to(config.joints.size)
+        self._envs.unwrapped.set_noisy_motors(config.joints.size)
         behind: EnvConfig = self._envs.unwrapped.config
         self._joints = behind.joints[behind.joints < config.n]
         self._of_joints = behind.joints < config.n

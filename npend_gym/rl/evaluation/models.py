@@ -44,7 +44,7 @@ def as_controller(
     deterministic: bool = True,
     observes: bool = False,
 ) -> Controller:
-    """Return what acts in an environment of these settings as `model` does behind its wrappers.
+    """A model for an environment of these settings that acts as `model` does behind its wrappers.
 
     Without wrappers of the environment, the model observes through those of its own training.
     Where the environment does not show the exact state, or the model `observes` it in any case, it

@@ -167,7 +167,7 @@ def _judged(
 
 
 def _most(config: EnvConfig) -> dict[str, float]:
-    """Return what counts as most of each criterion, in the scale of the chain."""
+    """Upper bounds of each criterion, in the scale of the chain."""
     chain, robot = config.chain, Chain.realaigym("C.1", motors=False)
     energy = chain.lifting_energy / robot.lifting_energy
     time = math.sqrt(chain.total_length / robot.total_length)

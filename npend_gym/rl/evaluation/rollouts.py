@@ -121,7 +121,7 @@ class JoinedEnvs:
         return self._joined([env.step(part) for env, part in given])
 
     def _joined(self, results: Sequence[tuple[Any, ...]]) -> Any:
-        """Return what the environments returned as one.
+        """Results of the environments, joined as one.
 
         Of info it has the keys that all have, in one shape: what is drawn differs in number.
         """
@@ -187,7 +187,7 @@ class Observer:
             ) from error
 
     def _state(self, seen: FloatArray) -> dict[str, Any]:
-        """Return what observations, (B, k), say of the state."""
+        """State that observations, (B, k), show."""
         config, n = self._config, self._config.n
         theta, rest = seen[:, :n], seen[:, n:]
         if config.with_sines:

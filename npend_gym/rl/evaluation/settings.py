@@ -22,12 +22,6 @@ from npend_gym.envs.registration import ENV_ID, register_envs
 from npend_gym.rl.evaluation.wrappers import changing_wrappers, layers_of
 
 EnvLike: TypeAlias = Any  # see `npend_gym.rl.evaluate`
-_keywords_moved = _checks.keywords_moved(
-    controller="now named model",
-    keywords="now named env",
-    env_id='the "id" of env, as in evaluate(model, {"id": "npend/SwingUp-v1", "n": 2})',
-    pushed='a criterion: criteria=CRITERIA | {"pushes": Pushes(joints=[...])}',
-)
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -39,7 +33,7 @@ _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 def judging(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Decorate a function that judges a model in an environment, by PyTorch in one thread."""
-    return _keywords_moved(one_torch_thread()(function))
+    return one_torch_thread()(function)
 
 
 class EnvSetting(NamedTuple):

@@ -168,7 +168,7 @@ class Behind:
 
 
 def _observing(wrapper: Any, lanes: int) -> _Change:
-    """Return what a wrapper does to observations."""
+    """Change that a wrapper makes to observations."""
     if is_normalizing(wrapper):
         return lambda shown, _: wrapper.normalize_obs(shown)
     if _is_stacking(wrapper):
@@ -200,7 +200,7 @@ def _stack_for(kept: Any, lanes: int) -> Any:
 
 
 def _acting(wrapper: Any, lanes: int) -> Callable[[Any], Any]:
-    """Return what a wrapper does to actions."""
+    """Change that a wrapper makes to actions."""
     if isinstance(wrapper, VectorActionWrapper):
         return _for_lanes(wrapper, wrapper.env.single_action_space, lanes).actions
     return lambda action: action

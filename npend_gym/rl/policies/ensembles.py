@@ -86,7 +86,7 @@ def ensemble(policies: Iterable[Policy], weights: Sequence[float] | None = None)
 
 
 def _common(policy: Policy) -> dict[str, Any]:
-    """Return what the policies of an ensemble share."""
+    """Settings that the policies of an ensemble share."""
     return {
         "env": env_of(policy.config),
         "scale": policy.scale.tolist(),

@@ -144,7 +144,7 @@ def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> 
 def _metadata(
     hub: Any, task: str, name: str, mean: float, deviation: float, success: float | None
 ) -> str:
-    """Return what the Hub reads, as YAML: the ``model-index`` has a result for each metric."""
+    """Metadata for the Hub, as YAML: the ``model-index`` has a result for each metric."""
     of_task = {
         "task_type": "reinforcement-learning", "task_name": "reinforcement-learning",
         "dataset_type": task, "dataset_name": task,

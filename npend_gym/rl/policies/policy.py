@@ -263,7 +263,7 @@ class Policy:
         return EnvConfig(**self.env)
 
     def _scaled(self, observed: Float32Array) -> Float32Array:
-        """Return what the network is given."""
+        """Inputs of the network."""
         signal = (observed if self.offset is None else observed - self.offset) / self.scale
         return signal if self.limit == math.inf else np.clip(signal, -self.limit, self.limit)
 

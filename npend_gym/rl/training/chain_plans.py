@@ -81,7 +81,7 @@ class PlanTracker:
         self._which, self._phase = which, np.zeros(which.size, np.int64)
 
     def tracking(self, info: Mapping[str, Any]) -> Tracking:
-        """Return what the plans say about the states of all lanes.
+        """Feedback of the plans in the states of all lanes, and how far they are from them.
 
         From the last step of a plan on, or wherever that is nearer, the goal is held.
         """

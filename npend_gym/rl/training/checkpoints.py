@@ -176,7 +176,7 @@ class Stopwatch:
 
 
 def state_of(part: Any, name: str = "parts") -> Any:
-    """Return what changes in a part of a run, as tensors, numbers, texts, lists and dicts.
+    """State of a part of a run that changes, as tensors, numbers, texts, lists and dicts.
 
     A tuple stands for another type: its name, and what is kept of it.
     """
@@ -217,7 +217,7 @@ def state_of(part: Any, name: str = "parts") -> Any:
 
 
 def _methods(part: Any) -> tuple[Callable[[], Any], Callable[[Any], Any]] | None:
-    """Return what gives the state of an object, and what takes it; None where nothing does."""
+    """Functions that read and restore the state of an object; None where it has none."""
     for names in _METHODS:
         if all(hasattr(part, name) for name in names):
             return getattr(part, names[0]), getattr(part, names[1])

@@ -62,7 +62,7 @@ def _lags(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
 
 
 def check_errors(errors: Any) -> None:
-    """Refuse what is no dict of shares by the names in `KINDS`."""
+    """Refuse anything but a dict of shares whose keys are names of `KINDS`."""
     if not isinstance(errors, dict):
         raise TypeError(f"errors must be a dict, got {_checks.show(errors)}")
     for name, share in cast("dict[Any, Any]", errors).items():
@@ -184,7 +184,7 @@ class ErrorLanes:
             self._follower.begin(begins, np.concatenate(lags))
 
     def against_lag(self, tracking: Tracking) -> Tracking:
-        """Return what an expert says, with the actions that motors with a lag must be given."""
+        """Advice of an expert, with the actions that motors with a lag must be given."""
         return tracking._replace(actions=self._follower.asked(tracking.actions))
 
     def step(self, action: FloatArray) -> tuple[Any, FloatArray, BoolArray, dict[str, Any]]:

@@ -106,7 +106,7 @@ class DAgger:
 
     @torch.no_grad()
     def inputs(self, observation: np.ndarray, info: dict[str, Any]) -> torch.Tensor:
-        """Return what the student is given, (B, inputs), after observations (B, k)."""
+        """Inputs of the student, (B, inputs), after observations (B, k)."""
         frames = self.history.observe(observation, info["time"] == 0.0)
         rows = torch.from_numpy(frames.reshape(len(frames), -1))
         return rows[:, : len(self.to_inputs)] @ self.to_inputs

@@ -17,7 +17,7 @@ from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.modes import Calm
-from npend_gym.envs.outputs import Beginnings
+from npend_gym.envs.outputs import EpisodeStarts
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.energy import lift_from
 from npend_gym.rl.angles import wrap
@@ -79,10 +79,10 @@ class TensorTask:
         drawn = 0 if config.observe_context else len(config.randomization.names)
         self.judged: int = self.inputs + drawn  # of the critic
 
-    def _lanes_of(self, began: Beginnings) -> Lanes:
+    def _lanes_of(self, began: EpisodeStarts) -> Lanes:
         return Lanes.of(began, self.config, torch.device("cpu"), alike=not self.varied)
 
-    def context_of(self, began: Beginnings) -> torch.Tensor:
+    def context_of(self, began: EpisodeStarts) -> torch.Tensor:
         """Return the contexts of episodes, (B, k), float32."""
         if not self.varied:
             return torch.zeros(len(began.state), 0)
@@ -97,7 +97,7 @@ class TensorTask:
         return self._own._replace(chains=chains, **of_lanes)
 
     def _lanes(self, context: torch.Tensor) -> Lanes:
-        """Return what `context_of` says of episodes."""
+        """Context of episodes, as `context_of` has it."""
         if not self.varied:
             return self._own
         widths = [part.shape[1] if part.ndim > 1 else 1 for part in self._parts]
@@ -114,7 +114,7 @@ class TensorTask:
         return observe(self.config, state) / self.obs_scale
 
     def critic_inputs(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
-        """Return what the critic is given, (..., judged): it knows the chain."""
+        """Inputs of the critic, (..., judged): it knows the chain."""
         seen = self.observe(states, context)
         if self.judged == self.inputs:
             return seen
@@ -226,7 +226,7 @@ class Collector:
 
     @property
     def numbers(self) -> FloatArray:
-        """The numbers of the episodes, from which what was drawn for them follows."""
+        """The numbers of the episodes, which determine their random draws."""
         return self.episodes.numbers
 
     @numbers.setter
@@ -274,7 +274,7 @@ class Collector:
         set_states(config, self.lanes, lanes, states)
         self.noise[lanes] = 0.0
 
-    def _begin(self, mask: BoolArray) -> Beginnings:
+    def _begin(self, mask: BoolArray) -> EpisodeStarts:
         """Draw what belongs to new episodes."""
         self.episodes.start(mask)
         began = self.episodes.beginnings()

@@ -158,7 +158,7 @@ def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> nn.Sequ
 
 
 def observation_scale(config: EnvConfig, of_rods: tuple[float, float, float]) -> Tensor:
-    """Return what observations are divided by: sines, cosines, speeds; 1 for what follows them."""
+    """Scales of observations: of sines, cosines and speeds; 1 for what follows them."""
     import torch
 
     observed = of_rods if config.observe_velocities else of_rods[:2]
