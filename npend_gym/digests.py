@@ -171,7 +171,13 @@ def _vector(mode: str, chain: dict[str, Any] | None = None) -> Callable[[], Iter
     def compute() -> Iterator[Any]:
         given: dict[str, Any] = {"n": 3, "drag": 0.1} if chain is None else {"chain": chain}
         envs = gym.make_vec(
-            ENV_ID, num_envs=20, mode=mode, max_episode_steps=40, threads=2, **given
+            ENV_ID,
+            num_envs=20,
+            mode=mode,
+            max_episode_steps=40,
+            threads=2,
+            measure_periods=True,
+            **given,
         )
         envs.action_space.seed(1)
         yield envs.reset(seed=1)[0]

@@ -299,8 +299,8 @@ def record_episode(
     cart: dict[str, Any] = {}
     if config.has_cart:
         cart = {name: np.array([i[f"cart_{name}"] for i in infos]) for name in PIVOT}
-    timed = config.mode.measures_com
-    periods = np.where(timed & (info["pseudo_periods"] > 0.0), info["pseudo_periods"], np.nan)
+    found = info.get("pseudo_periods", np.zeros(config.n))
+    periods = np.where(found > 0.0, found, np.nan)
     name_of_limit = "max_force" if config.has_cart else "max_torque"
     drawn = dict(zip(config.context_names, info.get("context", ()), strict=True))
     limit = drawn.get(name_of_limit, getattr(config, name_of_limit)) or 1.0
@@ -314,5 +314,5 @@ def record_episode(
         provenance({"policy": name, "seconds": seconds, "env": plain_keywords(keywords)}, seed),
         int(config.joints[0]) if config.joints.size else 0,
         config.rail or 0.0,
-        timed,
+        config.measure_periods,
     )

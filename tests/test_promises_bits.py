@@ -62,7 +62,7 @@ def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
     def run():
         env = gym.make_vec(
             "NPendulum-v0", num_envs=40, n=3, mode=mode, damping=0.05, drag=0.1, dt=0.1,
-            threads=threads,
+            threads=threads, measure_periods=True,
         )  # fmt: skip
         env.reset(seed=0)
         actions = np.zeros(40, int) if mode == "passive" else np.full((40, 1), 0.7)

@@ -116,6 +116,10 @@ class EnvConfig(Settings):
         joints = joints_of(given["actuated"], chain.n, least=0 if on_cart else 1)
         joints = () if mode.torque_share == 0.0 else (chain.n, *joints) if on_cart else joints
         given["dt"] = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
+        given["measure_periods"] = _checks.truth(
+            "measure_periods",
+            mode.measures_periods if given["measure_periods"] is None else given["measure_periods"],
+        )
         given["spread"] = width_of_starts(given["spread"], mode, given["max_tilt"])
         given["max_torque"] = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
         settings = {name: given[name] for name in SETTINGS if on_cart or name not in OF_CART}

@@ -78,7 +78,10 @@ class Episodes:
         n, joints, random = config.chain.n, config.joints, config.randomization
         poses = len(Pose) if config.mode.has_goals else 0
         base = mechanism_of([config.chain]).base
-        self._memory = Memory(random.with_all_features, count, threads, ROWS, base, poses)
+        self._memory = Memory(
+            random.with_all_features, count, threads, ROWS, base, poses,
+            measured=config.measure_periods,
+        )  # fmt: skip
         for pose in Pose[:poses]:
             self._memory.arrays[1][:, pose] = 1.0  # of a base too, which stands nowhere
         self._kernel = step_one if count == 1 else step_many
@@ -87,7 +90,7 @@ class Episodes:
             self._memory.members[getattr(Setting, name)] = getattr(config, name) or 0.0
         members[Episode.HAS_BOBS] = random.has_bobs
         members[Episode.AMPLITUDE] = config.amplitude
-        members[Member.WITH_COM] = config.mode.measures_com
+        members[Member.WITH_COM] = config.measure_periods
         self.seeds: Seeds = Seeds(count, lanes)
         nominal = config.chain.repeated(1).stacked()[0]
         self._context = np.zeros((lanes, len(random.names)))
@@ -169,7 +172,7 @@ class Episodes:
         given = self._take_options(mask, options) if options or self.some_altered else ()
         if self._context.shape[1] > 0:
             draw_chains(*memory.arrays, *self._drawing)
-        begin_episodes(*memory.arrays, *self._beginning)
+        begin_episodes(*memory.arrays, memory.record, *self._beginning)
         if by_python:
             chosen = np.flatnonzero(mask)
             memory.write_state(chosen, *self._states_by_python(chosen))
@@ -321,7 +324,8 @@ class Episodes:
         """Call the step kernel, and then the sensors."""
         outputs, sensors = self.outputs, self.sensors
         shown = outputs.observations if sensors is None else sensors.no_observation
-        arrays = self._commands, shown, outputs.rows, outputs.flags, self._task, self._wiring
+        written = shown, outputs.rows, outputs.flags
+        arrays = self._memory.record, self._commands, *written, self._task, self._wiring
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
             sensors.observe(self.seeds.keys, outputs.observations, self._task, self._wiring, plan)

@@ -97,7 +97,7 @@ class Motors:
         arrays = keys, actions, self._joints, self.noisy, self._past, self._commands
         for piece in range(self.pieces):
             if piece > 0:
-                run(self._advance, (), self.plan)
+                run(self._advance, (self._memory.record,), self.plan)
             run(self._apply, (*arrays, piece, self.pieces), self.plan)
 
 

@@ -48,18 +48,6 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
         "1", "relative error of the energy: the energy minus that at the start minus the work of "
         "torques, damping and drag, over the larger of the two energies",
     )]  # fmt: skip
-    bobs_completed: Annotated[_Count, Key("1", "number of bobs whose pseudo-period is complete")]
-    pseudo_period: Annotated[_Real, Key(
-        "s", "mean pseudo-period of the completed bobs; 0.0 before the first"
-    )]  # fmt: skip
-    pseudo_periods: Annotated[FloatArray, Key(
-        "s", 'pseudo-period of each bob, shape (n,), in the reading "bob" of '
-        "`npend_gym.pseudo_periods`; 0.0 where not complete",
-    )]  # fmt: skip
-    ideal_period: Annotated[_Real, Key(
-        "s", "the paper's T0 of the chain; 0.0 without gravity, and for links, to which T0 does "
-        "not apply",
-    )]  # fmt: skip
     tip_height: Annotated[_Real, Key("m", "height of the tip above the pivot")]
     theta: Annotated[FloatArray, Key(
         "rad", "angles from the downward vertical, not wrapped, shape (n,)"
@@ -73,10 +61,29 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
         "seconds; absent where a mode of your own defines neither `achieved` nor `failed`",
         when="mode.defines_success",
     )]]  # fmt: skip
+    bobs_completed: NotRequired[Annotated[_Count, Key(
+        "1", "with `measure_periods`: number of bobs whose pseudo-period is complete",
+        when="measure_periods",
+    )]]  # fmt: skip
+    pseudo_period: NotRequired[Annotated[_Real, Key(
+        "s", "with `measure_periods`: mean pseudo-period of the completed bobs; 0.0 before the "
+        "first",
+        when="measure_periods",
+    )]]  # fmt: skip
+    pseudo_periods: NotRequired[Annotated[FloatArray, Key(
+        "s", 'with `measure_periods`: pseudo-period of each bob, shape (n,), in the reading "bob" '
+        "of `npend_gym.pseudo_periods`; 0.0 where not complete",
+        when="measure_periods",
+    )]]  # fmt: skip
     pseudo_period_com: NotRequired[Annotated[_Real, Key(
-        "s", 'in mode "passive": the pseudo-period of the chain\'s centre of mass, the reading '
+        "s", "with `measure_periods`: pseudo-period of the chain's centre of mass, the reading "
         '"com" of `npend_gym.pseudo_periods`; 0.0 where not complete. On a cart: relative to it',
-        when="mode.measures_com",
+        when="measure_periods",
+    )]]  # fmt: skip
+    ideal_period: NotRequired[Annotated[_Real, Key(
+        "s", "with `measure_periods`: the paper's T0 of the chain; 0.0 without gravity, and for "
+        "links, to which T0 does not apply",
+        when="measure_periods",
     )]]  # fmt: skip
     torque: NotRequired[Annotated[FloatArray, Key(
         "N m", "with motors: the torque of each in the last step, shape (joints,), in the order of "

@@ -4,6 +4,7 @@ Actions become torques, and `advance_group` of the physics moves the chains. The
 observations, the quantities that modes judge by, and the numbers of the info.
 """
 
+# ruff: noqa: ARG001  what measures, and what does not, share their parameters
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from typing import Any
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
-from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.envs.modes import Mode, Quantities, leans, left_rail, rail_factor
 from npend_gym.envs.observing import ObsArray, observe, within
@@ -37,8 +38,10 @@ from npend_gym.physics.kernels.layout import (
     Rod,
     Scratch,
     Timing,
+    Turns,
     group_of,
 )
+from npend_gym.physics.kernels.turning_points import Record
 
 _first_row = inlined_kernel(first_row)
 _leans: Any = spliced_kernel(leans)
@@ -80,6 +83,34 @@ def _approach(
 
 
 @inlined_kernel
+def _no_periods(record: None, numbers: FloatArray, g: int, n: int, outputs: FloatArray) -> None:
+    return
+
+
+@inlined_kernel
+def _periods(record: Record, numbers: FloatArray, g: int, n: int, outputs: FloatArray) -> None:
+    total, first = 0.0, _first_row(Block.PSEUDO_PERIODS, n)
+    for i in range(n):
+        period = record.period[i]
+        known = where(period > 0.0, period, 0.0)
+        total = total + known
+        outputs[first + i, g] = known
+    completed, of_com = numbers[Member.COMPLETED, g], record.period[n]
+    outputs[Output.BOBS_COMPLETED, g] = completed
+    outputs[Output.PSEUDO_PERIOD, g] = total / where(completed > 0.0, completed, 1.0)
+    outputs[Output.PSEUDO_PERIOD_COM, g] = where(of_com > 0.0, of_com, 0.0)
+    outputs[Output.IDEAL_PERIOD, g] = numbers[Episode.IDEAL_PERIOD, g]
+
+
+@chosen_by_type("record", {0: _no_periods, Record: _periods})
+def _write_periods(
+    record: Record | None, numbers: FloatArray, g: int, n: int, outputs: FloatArray
+) -> None:
+    """Write the pseudo-periods of a group of chains of `n` rods, where they are measured."""
+    raise NotImplementedError
+
+
+@inlined_kernel
 def _measure(
     numbers: FloatArray, rows: FloatArray, g: int, group: Group, scratch: FloatArray,
     outputs: FloatArray, flags: BoolArray, task: FloatArray,
@@ -92,14 +123,10 @@ def _measure(
     kinetic, lift, tip = energies(
         group.omega, group.carried, group.mass, group.velocity, group.chain, s, c
     )
-    total, n = 0.0, group.velocity.size
-    periods, theta = _first_row(Block.PSEUDO_PERIODS, n), _first_row(Block.THETA, n)
-    omega = _first_row(Block.OMEGA, n)
+    n = group.velocity.size
+    _write_periods(group.record, numbers, g, n, outputs)
+    theta, omega = _first_row(Block.THETA, n), _first_row(Block.OMEGA, n)
     for i in range(n):
-        period = group.record.period[i]
-        known = where(period > 0.0, period, 0.0)
-        total = total + known
-        outputs[periods + i, g] = known
         outputs[theta + i, g] = group.theta[i]
         outputs[omega + i, g] = group.omega[i]
     energy = kinetic + group.chain.gravity[0] * lift
@@ -110,7 +137,7 @@ def _measure(
     numbers[Episode.MEAN_SQUARED_ACTION, g] = squares
     scale = where(energy > start, energy, start)
     drift = (energy - start) - numbers[Member.WORK, g]
-    per_energy, completed = numbers[Episode.PER_ENERGY, g], numbers[Member.COMPLETED, g]
+    per_energy = numbers[Episode.PER_ENERGY, g]
     share = energy / where(start > 0.0, start, 1.0)
     closeness = distance = place = 0.0 * lift
     upright = -c[0]
@@ -135,12 +162,7 @@ def _measure(
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
     outputs[Output.ENERGY, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
-    outputs[Output.PSEUDO_PERIOD, g] = total / where(completed > 0.0, completed, 1.0)
-    of_com = group.record.period[n]
-    outputs[Output.PSEUDO_PERIOD_COM, g] = where(of_com > 0.0, of_com, 0.0)
-    outputs[Output.IDEAL_PERIOD, g] = numbers[Episode.IDEAL_PERIOD, g]
     outputs[Output.TIP_HEIGHT, g] = tip
-    outputs[Output.BOBS_COMPLETED, g] = completed
     flags[Flag.DIVERGED, g] = numbers[Member.DIVERGED, g] > 0.0
     return quantities
 
@@ -239,14 +261,14 @@ def _begin_to_move(numbers: FloatArray, g: int) -> None:
 @spliced_kernel
 def _step(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
-    actions: FloatArray, written: tuple[ObsArray, FloatArray, BoolArray], task: FloatArray,
-    wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
+    record: Turns, actions: FloatArray, written: tuple[ObsArray, FloatArray, BoolArray],
+    task: FloatArray, wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     observation, outputs, flags = written[0], view(written[1]), view(written[2])
     numbers, work = view(members), view(scratch)
     observes = timing[Timing.SUBSTEPS] == 0.0
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(numbers, view(rods), view(model), g)
+        group = group_of(numbers, view(rods), view(model), view(record), g)
         if observes:
             if not any_of(numbers[Episode.OBSERVED, g] > 0.0):
                 continue
@@ -271,21 +293,21 @@ def _step(
 
 @kernel
 def step_one(
-    members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
+    members: FloatArray, rods: FloatArray, model: Model, record: Turns, actions: FloatArray,
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
     wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of one environment; see `step_many`."""
     written = bare(observation), bare(outputs), bare(flags)
     _step(
-        bare, 1, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
-        bare(wiring), bare(timing), bare(scratch),
+        bare, 1, bare(members), bare(rods), bare(model), bare(record), bare(actions), written,
+        bare(task), bare(wiring), bare(timing), bare(scratch),
     )  # fmt: skip
 
 
 @kernel
 def step_many(
-    members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
+    members: FloatArray, rods: FloatArray, model: Model, record: Turns, actions: FloatArray,
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
     wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
@@ -293,7 +315,7 @@ def step_many(
 
     Parameters
     ----------
-    members, rods, model, timing, scratch
+    members, rods, model, record, timing, scratch
         As for `npend_gym.physics.kernels.advance.advance_many`, `members` with the rows of
         `Episode`. With 0 substeps nothing moves: the call only observes, in the groups with a lane
         to be OBSERVED.
@@ -311,6 +333,6 @@ def step_many(
     """
     written = bare(observation), bare(outputs), bare(flags)
     _step(
-        packs, WIDTH, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
-        bare(wiring), bare(timing), bare(scratch),
+        packs, WIDTH, bare(members), bare(rods), bare(model), bare(record), bare(actions), written,
+        bare(task), bare(wiring), bare(timing), bare(scratch),
     )  # fmt: skip

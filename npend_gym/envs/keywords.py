@@ -63,6 +63,7 @@ class EnvKeywords(TypedDict, total=False):
     reward_type: str
     goal_env: bool
     max_tilt: float | None
+    measure_periods: bool | None
     amplitude: float
     spread: float | None
     randomize: Mapping[str, Any] | None
@@ -246,7 +247,10 @@ def motor_limit(keywords: Mapping[str, Any], name: str, mode: Mode, whole: float
 
 
 def check_mode(mode: Mode) -> Mode:
-    """Return a mode, or say which of its numbers breaks the rule of keywords."""
+    """Return a mode, or say which of its attributes breaks the rule of keywords."""
+    for old, new in (("nearness", "spread"), ("measures_com", "measures_periods")):
+        if hasattr(mode, old):
+            raise TypeError(f"{old} of mode {mode.name!r} must be named {new}")
     _checks.positive_number(f"dt of mode {mode.name!r}", mode.dt)
     for name in ("hold", "torque_share"):
         _checks.nonnegative_number(f"{name} of mode {mode.name!r}", getattr(mode, name))
@@ -264,8 +268,6 @@ def check_success(mode: Mode, reward_type: str) -> None:
 
 def width_of_starts(spread: Any, mode: Mode, max_tilt: float | None) -> float:
     """Return `spread`, or that of the mode where it is None [rad]."""
-    if hasattr(mode, "nearness"):
-        raise TypeError(f"nearness of mode {mode.name!r} must be named spread")
     spread = _checks.nonnegative_number("spread", mode.spread if spread is None else spread)
     if isinstance(mode, NearPose) and spread > math.pi:
         raise ValueError(

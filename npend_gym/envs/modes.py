@@ -89,8 +89,8 @@ class Mode:
     has_goals : bool
         Whether each episode has a goal of its own: an equilibrium, with each rod hanging or
         standing.
-    measures_com : bool
-        Whether ``info["pseudo_period_com"]`` tells the pseudo-period of the centre of mass.
+    measures_periods : bool
+        Whether pseudo-periods are measured where the keyword `measure_periods` is left out.
     limits_tilt : bool
         Whether the episode also terminates where a rod leans by more than the keyword `max_tilt`.
     spread : float
@@ -102,7 +102,7 @@ class Mode:
     torque_share: ClassVar[float] = 0.5
     hold: ClassVar[float] = 0.0
     has_goals: ClassVar[bool] = False
-    measures_com: ClassVar[bool] = False
+    measures_periods: ClassVar[bool] = False
     limits_tilt: ClassVar[bool] = False
     spread: ClassVar[float] = 0.017
 
@@ -175,7 +175,7 @@ class Passive(Release):
     """The paper's experiment: a free release from rest; no torque, no reward, no failure."""
 
     name = "passive"
-    measures_com = True
+    measures_periods: ClassVar[bool] = True
     dt: ClassVar[float] = 0.01
     torque_share: ClassVar[float] = 0.0
 

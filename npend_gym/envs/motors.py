@@ -208,7 +208,7 @@ def _apply(
         if piece == 0:
             _choose_actions(members, g, width, actions, past, commands)
             _disturb(members, g, width, h * pieces, keys, noisy, commands)
-        group = group_of(view(members), view(rods), view(model), g)
+        group = group_of(view(members), view(rods), view(model), None, g)
         _drive(view(members), g, group, joints, noisy, view(commands), piece, pieces, h)
 
 

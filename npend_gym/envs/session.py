@@ -37,7 +37,7 @@ from npend_gym.envs.snapshots import States
 # Keywords that leave a task as hard as it is, or are in `chain` and `max_torque`
 _OF_NO_TASK = {
     *CHAIN_KEYWORDS, "n", "difficulty", "observation", "observe_velocities", "observe_context",
-    "goal_env", "torque_levels", "render_size", "render_plain",
+    "goal_env", "torque_levels", "measure_periods", "render_size", "render_plain",
 }  # fmt: skip
 
 
@@ -139,8 +139,8 @@ class Session:
 
         With a cart, its place [m] and velocity [m/s] follow.
 
-        Setting it moves the chain there; pseudo-periods are measured from then on, and time, energy
-        and work count from there. It raises a ValueError while a lane is done, until it is reset.
+        Setting it moves the chain there; time, energy, work and pseudo-periods count from there. It
+        raises a ValueError while a lane is done, until it is reset.
         """
         self._calls.check(self, "state")
         return self._episodes.angles[0] if self._is_single else self._episodes.angles

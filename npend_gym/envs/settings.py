@@ -258,6 +258,11 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         "of two poles have 36 degrees, Gymnasium's CartPole has 12. Other modes do not use it.",
         _tilt,
     )
+    measure_periods: bool = keyword(
+        None,
+        'Whether pseudo-periods are measured, and are in the info; by default in mode "passive" '
+        "alone. Steps are faster without them.",
+    )
     amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", angle)
     spread: float = keyword(
         None,

@@ -20,7 +20,7 @@ from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.kernels.link_terms import MODEL
 from npend_gym.physics.memory import Memory
 
-VERSION = 2  # of the record; another version of the package may have another
+VERSION = 3  # of the record; another version of the package may have another
 _SUMMED = 3  # words of a record from here on are in its checksum
 _ODD = np.uint64(0x9E3779B97F4A7C15)
 States = NDArray[np.void]
@@ -46,6 +46,9 @@ class Snapshots:
         parts: list[Any] = [("members", members), ("rods", rods)]
         for name, terms in zip(MODEL, memory.arrays[2] or (), strict=False):
             parts.append((name, "<f8", (terms.shape[1], terms.shape[2] // memory.width)))
+        if memory.record is not None:
+            turns = [(name.lower(), "<f8", (config.n + 1,)) for name in Turn._fields]
+            parts.append(("record", turns))
         parts += [(name, "<f8", values.shape[1:]) for name, values in more().items()]
         head: list[Any] = [("version", "<u8"), ("environment", "<u8"), ("sum", "<u8")]
         head += [("done", "<u8"), ("key", "<u8", (2,))]
@@ -91,7 +94,8 @@ class Snapshots:
         if states.dtype != self.dtype:
             raise ValueError(
                 "state must come from an environment with the same number of rods, the same kind "
-                "of chain, and the same motors, sensors and randomize keywords"
+                "of chain, and the same keywords of motors and sensors, randomize and "
+                "measure_periods"
             )
         if states.size != count:
             raise ValueError(f"state must hold {count} lanes, got {states.size}")

@@ -20,7 +20,7 @@ from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.envs.modes import Mode, NearPose, Release
 from npend_gym.envs.rows import Episode, Pose, Setting
 from npend_gym.physics.kernels.laws import Parameter
-from npend_gym.physics.kernels.layout import Member, Model, Rod
+from npend_gym.physics.kernels.layout import Member, Model, Rod, Turns
 from npend_gym.physics.kernels.link_terms import BASE_AT, Base
 from npend_gym.physics.kernels.member_rows import Indices, begin_to_measure, write_chain
 from npend_gym.theory.closed_forms import paper_period
@@ -233,14 +233,14 @@ def draw_chains(
 
 @kernel
 def begin_episodes(
-    members: FloatArray, rods: FloatArray, model: Model, n: int, keys: Keys, start: FloatArray,
-    actions: FloatArray,
+    members: FloatArray, rods: FloatArray, model: Model, record: Turns, n: int, keys: Keys,
+    start: FloatArray, actions: FloatArray,
 ) -> None:  # fmt: skip
     """Begin the next episode of the lanes that are STARTING; the next step does not move them.
 
     Parameters
     ----------
-    members, rods, model
+    members, rods, model, record
         As for `step_many`.
     n : int
         Number of rods.
@@ -251,6 +251,7 @@ def begin_episodes(
         Written, as the torques are: 0, of the lanes that start.
     """
     members, rods, model, actions = bare(members), bare(rods), bare(model), bare(actions)
+    record = bare(record)
     width = rods.shape[2] // (n + 1)
     for k in range(members.shape[1]):
         if members[Episode.STARTING, k] == 0.0:
@@ -266,7 +267,7 @@ def begin_episodes(
         _begin_cart(members, rods, model, keys, k, start)
         if start[Start.KIND] != CUSTOM:
             _draw_state(members, rods, keys, k, width, n, start)
-        begin_to_measure(members, rods, k, width, n)
+        begin_to_measure(members, rods, record, k, width, n)
 
 
 @kernel
@@ -278,13 +279,16 @@ def scale_all(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) ->
 
 
 @kernel
-def begin_one(members: FloatArray, rods: FloatArray, model: Model, chain: FloatArray) -> None:
+def begin_one(
+    members: FloatArray, rods: FloatArray, model: Model, record: Turns, chain: FloatArray
+) -> None:
     """Give a single environment a chain, and measure from its present state."""
     members, rods, model, chain = bare(members), bare(rods), bare(model), bare(chain)
+    record = bare(record)
     n = chain.shape[1]
     write_chain(members, rods, model, 0, 1, chain)
     _scale(members, rods, 0, 1, n)
-    begin_to_measure(members, rods, 0, 1, n)
+    begin_to_measure(members, rods, record, 0, 1, n)
 
 
 def start_plan(mode: Mode, spread: float) -> FloatArray:

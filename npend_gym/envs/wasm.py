@@ -12,7 +12,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.kernels import step_one
 from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Setting, Task, Wiring
 from npend_gym.envs.starts import begin_one
-from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing
+from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing, Turn
 from npend_gym.physics.kernels.link_terms import BASE_AT, model_terms
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
 from npend_gym.physics.mechanism import mechanism_of
@@ -35,7 +35,8 @@ def step_module(chain: Chain) -> bytes:
     """
     terms = len(_model_terms(chain))
     model = f"UniTuple({_RODS}, {terms})" if terms else "none"
-    memory = f"float64[:, ::1], {_RODS}, {model}"  # `members`, `rods` and model of one chain
+    # `members`, `rods`, model and record of one chain
+    memory = f"float64[:, ::1], {_RODS}, {model}, UniTuple({_RODS}, 1)"
     return wasm_module(
         {
             begin_one: f"void({memory}, float64[:, ::1])",
@@ -51,7 +52,7 @@ def step_layout(chain: Chain) -> dict[str, Any]:
     "Member" has the rows of Episode and Setting too. The number of rows of the scratch follows, and
     rows and columns of each array of the model that `chain` needs.
     """
-    fields = Rod, Timing, Output, Flag, Task, Wiring
+    fields = Rod, Turn, Timing, Output, Flag, Task, Wiring
     layout: dict[str, Any] = {
         type(each).__name__.removesuffix("Fields"): each._asdict() for each in fields
     }

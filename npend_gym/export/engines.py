@@ -65,8 +65,8 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
     Notes
     -----
     MuJoCo integrates each step from the state before it, under constant torques, by RK4 with a time
-    step of at most 1 ms. Of what `info` tells of the motion, pseudo-periods are not measured, and
-    "energy_error" counts no work. Dry friction is another law in MuJoCo, see `to_mjcf`.
+    step of at most 1 ms. Pseudo-periods are not measured, and ``info["energy_error"]`` counts no
+    work. Dry friction is another law in MuJoCo, see `to_mjcf`.
 
     Examples
     --------
@@ -87,8 +87,8 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
             MUJOCO_ID, vector_entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS
         )
     spec = gym.spec(setting.env_id)
-    length: dict[str, Any] = {"max_episode_steps": spec.max_episode_steps}
-    keywords = length | spec.kwargs | setting.keywords
+    more: dict[str, Any] = {"measure_periods": False, "max_episode_steps": spec.max_episode_steps}
+    keywords = more | spec.kwargs | setting.keywords
     made: Any = gym.make_vec(MUJOCO_ID, num_envs=num_envs, **keywords)
     return made
 
@@ -202,7 +202,8 @@ def _mujoco() -> Any:
 
 def _check(config: EnvConfig) -> None:
     """Refuse what acts on the chain or the sensors beside the torques of ideal motors."""
-    given: dict[str, Any] = {"randomize": config.randomize if config.context_names else None}
+    given: dict[str, Any] = {"measure_periods": config.measure_periods}
+    given["randomize"] = config.randomize if config.context_names else None
     given |= {name: config.largest[name] for name in HARDWARE if name not in COUNTED}
     for name, value in given.items():
         if value:

@@ -295,7 +295,8 @@ class Ensemble(Members):
         return tuple(states.reshape(2, len(given) + 1, -1, self.n)[:, :, :members])
 
     def _run(self, plan: Plan) -> None:
-        self._memory.run(advance_one if self._memory.width == 1 else advance_many, (), plan)
+        memory = self._memory
+        memory.run(advance_one if memory.width == 1 else advance_many, (memory.record,), plan)
 
     def _check_step(self, dt: float, substeps: int | None) -> Plan:
         """Return how a step of `dt` is taken: by `substeps` substeps, or by the default number."""

@@ -15,7 +15,7 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.gpu import DeviceKernel, require_device, simulated
 from npend_gym.physics.arguments import check_chains
 from npend_gym.physics.directions import KINDS
-from npend_gym.physics.kernels import advance, layout, threads
+from npend_gym.physics.kernels import layout, threads
 from npend_gym.physics.kernels.driven import Kept
 from npend_gym.physics.kernels.link_terms import count_terms
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, substeps_of
@@ -235,12 +235,7 @@ def _terms_of(chains: ChainParameters, *, drag: bool) -> int:
 def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
     """Return the kernel for `n` rods, or for any number if they are more than SHORT."""
     entry = threads.short_chains(n) if n <= SHORT else threads.long_chains()
-    replaced = {
-        advance.mark: threads.no_marks,
-        advance.follow_marked: threads.no_following,
-        **_known(resisted),
-    }
-    return DeviceKernel(entry, (terms, KINDS[terms]), dtype, replaced)
+    return DeviceKernel(entry, (terms, KINDS[terms]), dtype, _known(resisted))
 
 
 def _known(resisted: bool) -> dict[Any, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.kernels.layout import Member, Rod, Turn
 from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.memory import Memory
 from npend_gym.physics.substeps import check_default, substeps_of, substeps_on_cart
@@ -67,7 +67,9 @@ class Members:
     @property
     def pseudo_periods(self) -> FloatArray:
         """Pseudo-period of each bob [s], shape (B, n), reading "bob"; NaN where not complete."""
-        return self._intact.read(Rod.PERIOD)
+        memory = self._intact
+        rows = [memory.lanes_of(record[:, Turn.PERIOD]) for record in memory.record or ()]
+        return memory.gather(rows[0])[:, : self.n].copy()
 
     @property
     def parameters(self) -> ChainParameters:

@@ -17,7 +17,16 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.advance import MAX_PARTS
 from npend_gym.physics.kernels.laws import Friction
-from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
+from npend_gym.physics.kernels.layout import (
+    Member,
+    Model,
+    Rod,
+    Timing,
+    Turn,
+    Turns,
+    group_width,
+    new_scratch,
+)  # fmt: skip
 from npend_gym.physics.kernels.link_terms import (
     BASE_AT,
     Base,
@@ -77,6 +86,8 @@ class Memory:
         Rows after those of `Rod` in `rods`, for the use of the caller.
     packed : bool
         Whether even one member is kept in a pack, for kernels that know nothing else.
+    measured : bool
+        Whether turning points are measured.
 
     Attributes
     ----------
@@ -84,6 +95,8 @@ class Memory:
         `members`, shape (rows, columns), `rods`, shape (groups, len(Rod), (n + 1) * width), and the
         model: what the kind of chain needs beside these. The last group is filled up with chains
         that hang at rest.
+    record : tuple of one ndarray, shape (groups, len(Turn), (n + 1) * width), or None
+        What is measured of turning points.
     groups, width : int
         Number of groups, and of members in each.
     lanes, columns : int
@@ -100,6 +113,7 @@ class Memory:
         base: FloatArray | None = None,
         spare_rod_rows: int = 0,
         packed: bool = False,
+        measured: bool = True,
     ) -> None:
         self.n: int = chains.masses.shape[1]
         self.size: int = size
@@ -122,6 +136,7 @@ class Memory:
             self.arrays[2][BASE_AT][:] = own.reshape(len(base), self.groups, self.width).swapaxes(
                 0, 1
             )
+        self.record: Turns = (self.new_rows(len(Turn)),) if measured else None
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._helpers: Helpers | None = None
         self.arrays[0][Member.ACTIVE] = 1.0
@@ -258,12 +273,13 @@ class Memory:
             view[place] = part
 
     def _lane_views(self) -> list[FloatArray]:
-        """Return views of rods and model, (groups, width, rows, columns)."""
-        return [self.lanes_of(part) for part in (self.arrays[1], *(self.arrays[2] or ()))]
+        """Return views of rods, model and record, (groups, width, rows, columns)."""
+        parts = self.arrays[1], *(self.arrays[2] or ()), *(self.record or ())
+        return [self.lanes_of(part) for part in parts]
 
     def restart(self, members: Indices) -> None:
         """Begin to measure from the present state of some members."""
-        begin_all_to_measure(*self.arrays[:2], self.n, members)
+        begin_all_to_measure(*self.arrays[:2], self.record, self.n, members)
 
     def plan(self, dt: float, substeps: int, max_rotation: float) -> Plan:
         """Return how steps of this kind are divided into compiled calls, for `run`."""

@@ -18,14 +18,10 @@ from npend_gym.physics.kernels.layout import (
     Model,
     Scratch,
     Timing,
+    Turns,
     group_of,
 )
-from npend_gym.physics.kernels.reversals import (
-    bobs_wait,
-    com_waits,
-    follow_marked,
-    mark,
-)
+from npend_gym.physics.kernels.reversals import follow, waiting
 from npend_gym.physics.kernels.rk4 import OMEGA_2, rk4_step
 
 MAX_PARTS = 32.0  # of a substep
@@ -148,9 +144,8 @@ def advance_group(
     theta, omega, torque, chain = group.theta, group.omega, group.torque, group.chain
     if timing[Timing.FIRST_SUBSTEP] == 0.0:
         _begin_step(group, rest)
-    active, damped = numbers[Member.ACTIVE, g] > 0.0, any_power(chain)
-    with_com = com_waits(numbers, g, group)
-    tracked = with_com or bobs_wait(numbers, g, n)
+    damped = any_power(chain)
+    tracked, of_com = waiting(group.record, numbers, g, n)
     dissipated = rest[Scratch.DISSIPATED, 0]
     whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
     for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
@@ -173,11 +168,8 @@ def advance_group(
                 _wait(group, h, rest)
             if tracked or (substep + 1 == timing[Timing.SUBSTEPS] and not more):
                 bob_velocities(group, rest[Scratch.SIN], rest[Scratch.COS])
-            threshold, around = numbers[Member.THRESHOLD, g], numbers[Member.AROUND, g] > 0.0
-            if tracked and mark(group, with_com, around, threshold, h, active, rest):
-                follow_marked(numbers, g, group, width, rest)
-                with_com = com_waits(numbers, g, group)
-                tracked = with_com or bobs_wait(numbers, g, n)
+            if tracked:
+                tracked, of_com = follow(group.record, numbers, g, group, of_com, h, width, rest)
     rest[Scratch.DISSIPATED, 0] = dissipated
     if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
         _commit_step(numbers, g, group, timing[Timing.DT], rest)
@@ -185,27 +177,29 @@ def advance_group(
 
 @kernel
 def advance_one(
-    members: FloatArray, rods: FloatArray, model: Model, timing: FloatArray, scratch: FloatArray
-) -> None:
+    members: FloatArray, rods: FloatArray, model: Model, record: Turns, timing: FloatArray,
+    scratch: FloatArray,
+) -> None:  # fmt: skip
     """Advance one chain; see `advance_many`."""
-    members, rods, model = bare(members), bare(rods), bare(model)
+    members, rods, model, record = bare(members), bare(rods), bare(model), bare(record)
     timing, scratch = bare(timing), bare(scratch)
-    group = group_of(members, rods, model, 0)
+    group = group_of(members, rods, model, record, 0)
     advance_group(bare, 1, members, timing, scratch, 0, group)
 
 
 @kernel
 def advance_many(
-    members: FloatArray, rods: FloatArray, model: Model, timing: FloatArray, scratch: FloatArray
-) -> None:
+    members: FloatArray, rods: FloatArray, model: Model, record: Turns, timing: FloatArray,
+    scratch: FloatArray,
+) -> None:  # fmt: skip
     """Advance the active members of some groups under their torques; arrays as in `layout`.
 
     The time dt is cut into equal substeps. Where a rod would turn by more than 1 / PER_ROTATION in
     a substep, its member takes it in equal parts, MAX_PARTS at most. A step may be taken in several
     calls, one after the other, of one group and with the same scratch: the bits are the same.
     """
-    members, rods, model = bare(members), bare(rods), bare(model)
+    members, rods, model, record = bare(members), bare(rods), bare(model), bare(record)
     timing, scratch = bare(timing), bare(scratch)
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(packs(members), packs(rods), packs(model), g)
+        group = group_of(packs(members), packs(rods), packs(model), packs(record), g)
         advance_group(packs, WIDTH, members, timing, scratch, g, group)

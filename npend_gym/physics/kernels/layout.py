@@ -13,12 +13,16 @@ which take the lanes of a group as one number, these are `members[Member.TIME, g
 A third argument, `model`, says what kind of chains they are, at compile time: None for point
 masses, three arrays for links, four for machines. Where their base moves, its place, speed and
 force stand in the last entry of THETA, OMEGA and TORQUE.
+
+A fourth, `record`, says whether turning points are measured, at compile time too: it is a tuple of
+one array (groups, len(Turn), (n + 1) * width), or None. Kernels that do not measure have no code
+for it.
 """
 
 # ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
@@ -58,31 +62,39 @@ Member: MemberFields = MemberFields()
 
 
 class RodFields(NamedTuple):
-    """Rows of `rods` for each group, (n + 1) entries for each lane; the last one is mostly free.
-
-    In the fields of a `Record` it is that of the centre of mass: a period of 0 is not measured.
-    """
+    """Rows of `rods` for each group, (n + 1) entries for each lane; the last one is mostly free."""
 
     THETA: int = 0  # rad
     OMEGA: int = 1  # rad/s
     TORQUE: int = 2  # N m at the joint above the rod
     VELOCITY: int = 3  # m/s, horizontal, of the bob
-    PERIOD: int = 4  # the five fields of a `Record` of turning points
-    ORIENTATION: int = 5
-    SIGN: int = 6
-    RISEN: int = 7
-    ZERO: int = 8
-    LENGTH: int = 9  # m
-    INVERSE_LENGTH: int = 10
-    DAMPING: int = 11  # N m s
-    DRAG: int = 12  # N s/m
-    QUADRATIC_DRAG: int = 13  # N s^2/m^2
-    MASS: int = 14  # kg
-    CARRIED: int = 15  # kg m: mass that the rod carries times its length
-    INVERSE_MASS: int = 16  # at joints 0..n: the one row that fills its n + 1 entries
+    LENGTH: int = 4  # m
+    INVERSE_LENGTH: int = 5
+    DAMPING: int = 6  # N m s
+    DRAG: int = 7  # N s/m
+    QUADRATIC_DRAG: int = 8  # N s^2/m^2
+    MASS: int = 9  # kg
+    CARRIED: int = 10  # kg m: mass that the rod carries times its length
+    INVERSE_MASS: int = 11  # at joints 0..n: the one row that fills its n + 1 entries
 
 
 Rod: RodFields = RodFields()
+
+
+class TurnFields(NamedTuple):
+    """Rows of `record` for each group: fields of a `Record` of turning points, (n + 1) entries.
+
+    The last entry is that of the centre of mass: a period of 0 is not measured.
+    """
+
+    PERIOD: int = 0
+    ORIENTATION: int = 1
+    SIGN: int = 2
+    RISEN: int = 3
+    ZERO: int = 4
+
+
+Turn: TurnFields = TurnFields()
 
 
 class ScratchFields(NamedTuple):
@@ -131,6 +143,7 @@ Timing: TimingFields = TimingFields()
 # and, of the base, (groups, len(Base), width), or (groups, 0, width) if it rests. Plain tuples,
 # because others cost 2 us in a call from Python.
 Model = tuple[FloatArray, ...] | None
+Turns = tuple[FloatArray, ...] | None  # the `record` of kernels
 
 
 class Group(NamedTuple):
@@ -143,7 +156,7 @@ class Group(NamedTuple):
     mass: FloatArray  # (n + 1,), as what follows; the last entry is free
     carried: FloatArray
     chain: AnyArrays
-    record: Record
+    record: Record  # None where nothing is measured
 
 
 def group_width(size: int) -> int:
@@ -242,7 +255,31 @@ def _coordinates(rods: FloatArray, model: Model) -> int:
 
 
 @inlined_kernel
-def group_of(members: FloatArray, rods: FloatArray, model: Model, g: int) -> Group:
+def _no_record(record: None, g: int) -> None:
+    return None
+
+
+@inlined_kernel
+def _record(record: tuple[FloatArray, ...], g: int) -> Record:
+    rows = record[0][g]
+    return Record(
+        rows[Turn.PERIOD],
+        rows[Turn.ORIENTATION],
+        rows[Turn.SIGN],
+        rows[Turn.RISEN],
+        rows[Turn.ZERO],
+        rows[Turn.ZERO][:0],
+    )
+
+
+@chosen_by_type("record", {0: _no_record, 1: _record})
+def _record_of(record: Turns, g: int) -> Any:
+    """Return the record of turning points of group `g`, or None."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def group_of(members: FloatArray, rods: FloatArray, model: Model, record: Turns, g: int) -> Group:
     """Return the named views of group `g`."""
     n, rows, size = rods.shape[2] - 1, rods[g], _coordinates(rods, model)
     return Group(
@@ -253,12 +290,5 @@ def group_of(members: FloatArray, rods: FloatArray, model: Model, g: int) -> Gro
         rows[Rod.MASS],
         rows[Rod.CARRIED],
         _chain_of(members, rods, model, g),
-        Record(
-            rows[Rod.PERIOD],
-            rows[Rod.ORIENTATION],
-            rows[Rod.SIGN],
-            rows[Rod.RISEN],
-            rows[Rod.ZERO],
-            rows[Rod.ZERO][:0],
-        ),
+        _record_of(record, g),
     )

@@ -18,7 +18,7 @@ from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.laws import Parameter, friction_terms_of
-from npend_gym.physics.kernels.layout import Member, Model, Rod
+from npend_gym.physics.kernels.layout import Member, Model, Rod, Turn, Turns
 from npend_gym.physics.kernels.link_terms import link_terms_of, rotor_terms_of
 from npend_gym.physics.kernels.turning_points import latest_sign, speed_threshold
 
@@ -82,10 +82,23 @@ def write_chain(
 
 
 @inlined_kernel
-def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) -> None:
-    """Begin to measure member `k` from its present state: time, work, turning points."""
+def _no_turns(
+    members: FloatArray, rods: FloatArray, record: None, k: int, width: int, n: int
+) -> None:
+    return
+
+
+@inlined_kernel
+def _begin_turns(
+    members: FloatArray,
+    rods: FloatArray,
+    record: tuple[FloatArray, ...],
+    k: int,
+    width: int,
+    n: int,
+) -> None:
     g, lane = k // width, k % width
-    rows, total, fastest, lift = rods[g], 0.0, 0.0, 0.0
+    rows, turns, total, fastest, lift = rods[g], record[0][g], 0.0, 0.0, 0.0
     position, velocity, moment, momentum, mass = 0.0, 0.0, 0.0, 0.0, 0.0
     around = False
     for i in range(n):
@@ -113,28 +126,44 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
         moment_down += rows[Rod.CARRIED, r] * c
         moment_up += rows[Rod.CARRIED, r] * (omega * s)
         scale = 1.0 / total if around else 1.0
-        rows[Rod.ORIENTATION, r] = -scale if side < 0.0 else scale
+        turns[Turn.ORIENTATION, r] = -scale if side < 0.0 else scale
         rows[Rod.VELOCITY, r] = velocity
-        rows[Rod.SIGN, r] = position * up + down * velocity if around else velocity
-        rows[Rod.PERIOD, r] = rows[Rod.ZERO, r] = math.nan
-        rows[Rod.RISEN, r] = 0.0
+        turns[Turn.SIGN, r] = position * up + down * velocity if around else velocity
+        turns[Turn.PERIOD, r] = turns[Turn.ZERO, r] = math.nan
+        turns[Turn.RISEN, r] = 0.0
     last = n * width + lane
     scale = 1.0 / (mass * lift) if around else 1.0
-    rows[Rod.ORIENTATION, last] = -scale if moment < 0.0 else scale
-    rows[Rod.SIGN, last] = momentum / mass
+    turns[Turn.ORIENTATION, last] = -scale if moment < 0.0 else scale
+    turns[Turn.SIGN, last] = momentum / mass
     if around:
-        rows[Rod.SIGN, last] = moment * moment_up + moment_down * momentum
-    rows[Rod.PERIOD, last] = math.nan if members[Member.WITH_COM, k] > 0.0 else 0.0
-    rows[Rod.ZERO, last] = math.nan
-    rows[Rod.RISEN, last] = 0.0
+        turns[Turn.SIGN, last] = moment * moment_up + moment_down * momentum
+    turns[Turn.PERIOD, last] = math.nan if members[Member.WITH_COM, k] > 0.0 else 0.0
+    turns[Turn.ZERO, last] = math.nan
+    turns[Turn.RISEN, last] = 0.0
     mean = total / n
     natural = math.sqrt(members[Member.GRAVITY, k] / mean)
     threshold = members[Member.THRESHOLD, k] = _speed_threshold(natural, fastest) * mean
     for i in range(n + 1):
         r = i * width + lane
-        rows[Rod.SIGN, r] = latest_sign(
-            rows[Rod.ORIENTATION, r] * rows[Rod.SIGN, r], threshold, 0.0
+        turns[Turn.SIGN, r] = latest_sign(
+            turns[Turn.ORIENTATION, r] * turns[Turn.SIGN, r], threshold, 0.0
         )
+
+
+@chosen_by_type("record", {0: _no_turns, 1: _begin_turns})
+def _begin_record(
+    members: FloatArray, rods: FloatArray, record: Turns, k: int, width: int, n: int
+) -> None:
+    """Begin to look for turning points of member `k`, where they are measured."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def begin_to_measure(
+    members: FloatArray, rods: FloatArray, record: Turns, k: int, width: int, n: int
+) -> None:
+    """Begin to measure member `k` from its present state: time, work, turning points."""
+    _begin_record(members, rods, record, k, width, n)
     members[Member.TIME, k] = members[Member.WORK, k] = 0.0
     members[Member.COMPLETED, k] = members[Member.DIVERGED, k] = 0.0
 
@@ -152,8 +181,11 @@ def write_chains(
 
 
 @kernel
-def begin_all_to_measure(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) -> None:
+def begin_all_to_measure(
+    members: FloatArray, rods: FloatArray, record: Turns, n: int, chosen: Indices
+) -> None:
     """Begin to measure `chosen` members from their present states."""
-    members, rods, width = bare(members), bare(rods), rods.shape[2] // (n + 1)
+    members, rods, record = bare(members), bare(rods), bare(record)
+    width = rods.shape[2] // (n + 1)
     for k in chosen:
-        begin_to_measure(members, rods, k, width, n)
+        begin_to_measure(members, rods, record, k, width, n)

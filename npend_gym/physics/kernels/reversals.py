@@ -6,6 +6,7 @@ that began beyond 90 degrees the velocities around the pivot count (see `turning
 the centre of mass are kept times the square of the chain's mass.
 """
 
+# ruff: noqa: ARG001  what measures, and what does not, share their parameters
 from __future__ import annotations
 
 import math
@@ -13,7 +14,7 @@ from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import lane
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, outlined_kernel
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel, outlined_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dynamics import accelerations
@@ -233,17 +234,53 @@ def follow_marked(
 
 
 @inlined_kernel
-def com_waits(numbers: FloatArray, g: int, group: Group) -> bool:
-    """Return whether a centre of mass has yet to complete its pseudo-period, of active members.
-
-    The period is NaN then; where it is not measured, zero.
-    """
-    period = group.record.period[group.velocity.size]
-    unknown = period != period  # noqa: PLR0124
-    return any_of(unknown & (numbers[Member.ACTIVE, g] > 0.0))
+def _none_waits(record: None, numbers: FloatArray, g: int, n: int) -> tuple[bool, bool]:
+    return False, False
 
 
 @inlined_kernel
-def bobs_wait(numbers: FloatArray, g: int, n: int) -> bool:
-    """Return whether a bob has yet to complete its pseudo-period, of active members."""
-    return any_of((numbers[Member.COMPLETED, g] < n) & (numbers[Member.ACTIVE, g] > 0.0))
+def _some_wait(record: Record, numbers: FloatArray, g: int, n: int) -> tuple[bool, bool]:
+    active, period = numbers[Member.ACTIVE, g] > 0.0, record.period[n]
+    of_com = any_of((period != period) & active)  # noqa: PLR0124
+    return of_com or any_of((numbers[Member.COMPLETED, g] < n) & active), of_com
+
+
+@chosen_by_type("record", {0: _none_waits, Record: _some_wait})
+def waiting(record: Record | None, numbers: FloatArray, g: int, n: int) -> tuple[bool, bool]:
+    """Return whether anything has yet to complete its pseudo-period, of active members of a group.
+
+    Then whether a centre of mass has: its period is NaN then; where it is not measured, zero.
+    """
+    raise NotImplementedError
+
+
+@inlined_kernel
+def _follow_none(
+    record: None, numbers: FloatArray, g: int, group: Group, of_com: bool, h: Any, width: int,
+    scratch: FloatArray,
+) -> tuple[bool, bool]:  # fmt: skip
+    return False, False
+
+
+@inlined_kernel
+def _follow(
+    record: Record, numbers: FloatArray, g: int, group: Group, of_com: bool, h: Any, width: int,
+    scratch: FloatArray,
+) -> tuple[bool, bool]:  # fmt: skip
+    threshold, around = numbers[Member.THRESHOLD, g], numbers[Member.AROUND, g] > 0.0
+    if mark(group, of_com, around, threshold, h, numbers[Member.ACTIVE, g] > 0.0, scratch):
+        follow_marked(numbers, g, group, width, scratch)
+        return _some_wait(record, numbers, g, group.velocity.size)
+    return True, of_com
+
+
+@chosen_by_type("record", {0: _follow_none, Record: _follow})
+def follow(
+    record: Record | None, numbers: FloatArray, g: int, group: Group, of_com: bool, h: Any,
+    width: int, scratch: FloatArray,
+) -> tuple[bool, bool]:  # fmt: skip
+    """Follow what waits of a group through a substep; return what `waiting` does afterwards.
+
+    `record` is that of the group.
+    """
+    raise NotImplementedError

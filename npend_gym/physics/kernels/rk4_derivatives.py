@@ -164,7 +164,7 @@ def tangents_many(
     members, rods, changes, reached = bare(members), bare(rods), bare(changes), bare(reached)
     pushed, changed, rest = bare(pushed), bare(changed), packs(bare(scratch))
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(packs(members), packs(rods), packs(model), g)
+        group = group_of(packs(members), packs(rods), packs(model), None, g)
         rows, end = packs(changes)[g], packs(reached)[g]
         tangents_of_group(group, timing, rows, pushed, changed, end, rest)
 
@@ -253,7 +253,7 @@ def adjoint_many(
     members, rods, bars, chain_bars = bare(members), bare(rods), bare(bars), bare(chain_bars)
     reached, rest = bare(reached), packs(bare(scratch))
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(packs(members), packs(rods), packs(model), g)
+        group = group_of(packs(members), packs(rods), packs(model), None, g)
         rows, chain_rows, end = packs(bars)[g], packs(chain_bars)[g], packs(reached)[g]
         adjoint_of_group(group, timing, rows, chain_rows, end, slots, kept[g], rest)
 

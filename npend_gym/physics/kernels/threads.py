@@ -46,12 +46,11 @@ def _advance(
     """Advance one chain under its torques; see `ensemble.advance_many`."""
     n, rows = chain.shape[1], rods[0]  # known when this is compiled, where the arrays are
     members[Member.ACTIVE, 0] = 1.0
-    members[Member.COMPLETED, 0] = n
     for i in range(n):
         rows[Rod.THETA, i], rows[Rod.OMEGA, i], rows[Rod.TORQUE, i] = theta[i], omega[i], torque[i]
     write_chain(members, rods, model, 0, 1, chain)
     timing[Timing.FIRST_SUBSTEP], timing[Timing.LAST_SUBSTEP] = 0.0, timing[Timing.SUBSTEPS]
-    group = group_of(members, rods, model, 0)
+    group = group_of(members, rods, model, None, 0)
     advance_group(bare, 1, members, timing, scratch, 0, group)
     copy(rows[Rod.THETA][:n], theta)
     copy(rows[Rod.OMEGA][:n], omega)
@@ -197,7 +196,7 @@ def adjoints() -> Callable[..., None]:
                 rows[0, Rod.TORQUE, i], back[2, i] = torque[lane, i], torque_bar[lane, i]
                 back[0, i], back[1, i] = theta_bar[lane, i], omega_bar[lane, i]
             write_chain(own, rows, model, 0, 1, chain)
-            group = group_of(own, rows, model, 0)
+            group = group_of(own, rows, model, None, 0)
             adjoint_of_group(group, timing, back, chain_bar[lane], reached, 1, kept[:, lane], work)
             for i in range(n):
                 theta_bar[lane, i], omega_bar[lane, i] = back[0, i], back[1, i]
@@ -212,19 +211,6 @@ def adjoint_shapes(n: int, terms: int, lanes: int, substeps: int) -> list[tuple[
     """Return the shapes of the last arguments of `adjoints`, zeros at first."""
     rows, more = (adjoint_rows(substeps, 1), n + 2), ((5, n), (substeps,))
     return [*storage_shapes(n, terms, lanes)[:-1], *((*shape, lanes) for shape in (rows, *more))]
-
-
-@inlined_kernel
-def no_marks(
-    group: Any, with_com: bool, around: Any, threshold: Any, h: Any, active: Any, scratch: Any
-) -> bool:
-    """Stand for `reversals.mark`: no turning point is followed."""
-    return False
-
-
-@inlined_kernel
-def no_following(numbers: FloatArray, g: int, group: Any, width: int, scratch: FloatArray) -> None:
-    """Stand for `reversals.follow_marked`, which is not called then."""
 
 
 @inlined_kernel

@@ -17,7 +17,7 @@ class Chain {
 
   /** Make arrays for n rods: `arrays` has their numbers, `handed` what kernels are told of them. */
   allocate(n) {
-    const { Member, Rod, Parameter, Output, Flag, Task, Wiring, Timing, scratchRows, terms } = this.layout;
+    const { Member, Rod, Turn, Parameter, Output, Flag, Task, Wiring, Timing, scratchRows, terms } = this.layout;
     const rows = (fields) => Object.keys(fields).length;
     let free = START;
     [this.n, this.arrays, this.handed] = [n, {}, {}];
@@ -31,6 +31,7 @@ class Chain {
     };
     array("members", [rows(Member), 1]);
     array("rods", [1, rows(Rod), n + 1]);
+    array("record", [1, rows(Turn), n + 1]);
     array("chain", [rows(Parameter), n]);
     array("actions", [0, 1]); // none: `torque` says what acts
     array("observation", [1, 3 * n], Float32Array);
@@ -45,7 +46,8 @@ class Chain {
     const all = (field) => this.arrays.rods.subarray(Rod[field] * (n + 1), (Rod[field] + 1) * (n + 1));
     const row = (field) => all(field).subarray(0, n);
     [this.theta, this.omega, this.torque] = [row("THETA"), row("OMEGA"), row("TORQUE")];
-    [this.periods, this.lengths, this.masses] = [row("PERIOD"), row("LENGTH"), row("MASS")];
+    [this.lengths, this.masses] = [row("LENGTH"), row("MASS")];
+    this.periods = this.arrays.record.subarray(Turn.PERIOD * (n + 1), Turn.PERIOD * (n + 1) + n);
     this.base = { theta: all("THETA"), omega: all("OMEGA"), torque: all("TORQUE") }; // a cart comes after the rods
     this.observation = this.arrays.observation;
     const { task } = this.arrays, { mode, form, speedLimit } = this.physics.task;
@@ -57,8 +59,8 @@ class Chain {
   }
 
   call(name, ...given) {
-    const { members, rods } = this.handed;
-    const failed = this.kernels[name](0, START / 2, ...members, ...rods, ...[this.model, ...given].flat());
+    const { members, rods, record } = this.handed;
+    const failed = this.kernels[name](0, START / 2, ...members, ...rods, ...[this.model, record, ...given].flat());
     if (failed) throw new Error(`the kernel ${name} failed`);
   }
 
