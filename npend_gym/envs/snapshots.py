@@ -16,7 +16,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import Episode, Pose, Setting
 from npend_gym.envs.seeds import LaneNumbers
 from npend_gym.envs.settings import OF_LANES
-from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.kernels.layout import Member, Rod, Turn
 from npend_gym.physics.kernels.link_terms import MODEL
 from npend_gym.physics.memory import Memory
 
