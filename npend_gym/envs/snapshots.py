@@ -93,9 +93,8 @@ class Snapshots:
             )
         if states.dtype != self.dtype:
             raise ValueError(
-                "state must come from an environment with the same number of rods, the same kind "
-                "of chain, and the same keywords of motors and sensors, randomize and "
-                "measure_periods"
+                "state must come from an environment with the same number of rods and kind of "
+                "chain, and the same motors, sensors, randomize and measure_periods"
             )
         if states.size != count:
             raise ValueError(f"state must hold {count} lanes, got {states.size}")
