@@ -24,6 +24,7 @@ from csv_tables import publish_table, read_rows, texts
 
 from npend_gym.report import write_csv
 from npend_gym.rl import (
+    PLANS,
     PRETRAINED,
     VALIDATION,
     Controller,
@@ -33,11 +34,10 @@ from npend_gym.rl import (
     interquartile_mean,
     pretrained_names,
     recovery,
+    reference_controller,
     robustness,
 )
-from npend_gym.rl.controllers.references import PLANS, reference_controller
-from npend_gym.rl.training import imitation, shac
-from npend_gym.rl.training.tasks import env_of_task
+from npend_gym.rl.training import env_of_task, imitation, shac
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -27,10 +27,9 @@ import numpy as np
 import psutil
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.cli.common import prepare_file
 from npend_gym.experiments import CampaignPlan
 from npend_gym.experiments.campaign.task import measure_task, run_task
-from npend_gym.report.outputs import write_csv
+from npend_gym.report import prepare_file, write_csv
 
 N = 5
 _LOOP = f"""

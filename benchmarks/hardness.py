@@ -31,10 +31,8 @@ from npend_gym._palette import BLUE, FAINT, ORANGE
 from npend_gym._provenance import machine
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
-from npend_gym.report import panels, styled, write_csv
-from npend_gym.report.outputs import write_figure
-from npend_gym.rl import HELD_OUT
-from npend_gym.rl.evaluation.rollouts import rollout
+from npend_gym.report import panels, styled, write_csv, write_figure
+from npend_gym.rl import HELD_OUT, rollout
 from npend_gym.theory.unstable_modes import with_lag
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -28,7 +28,7 @@ from csv_tables import merged_rows
 
 from npend_gym import _provenance
 from npend_gym.cli.common import OK, Parser, can_draw, dispatch, show_written
-from npend_gym.report.outputs import prepare_folder, write_csv, write_figure
+from npend_gym.report import prepare_folder, write_csv, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # an extra
@@ -100,7 +100,7 @@ def diagram(done: Sequence[Row], case: str = SHOWN) -> Figure:
     """Draw the error after 1 s of each engine against the time of a step, for one case."""
     from matplotlib.figure import Figure
 
-    from npend_gym.report.style import styled
+    from npend_gym.report import styled
 
     @styled
     def draw() -> Figure:

@@ -25,8 +25,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym._provenance import machine
-from npend_gym.cli.common import prepare_file
-from npend_gym.report.outputs import write_csv
+from npend_gym.report import prepare_file, write_csv
 from npend_gym.rl import SB3VecEnv
 
 NUM_ENVS = 64

@@ -30,10 +30,8 @@ from double_pendulum.model.model_parameters import model_parameters
 from double_pendulum.model.plant import DoublePendulumPlant
 from double_pendulum.simulation.simulation import Simulator
 
-from npend_gym.cli.common import prepare_file
-from npend_gym.report.outputs import write_csv
-from npend_gym.rl import Controller, Policy, pretrained_names, recovery
-from npend_gym.rl.controllers.references import reference_controller
+from npend_gym.report import prepare_file, write_csv
+from npend_gym.rl import Controller, Policy, pretrained_names, recovery, reference_controller
 
 SECONDS, STEP, LIMIT = 60.0, 0.002, 6.0  # s, s, N m
 KNOCK_DOWNS, KNOCK_DOWN_SECONDS = 15, 0.2

@@ -40,7 +40,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 import npend_gym
 from npend_gym._provenance import machine
 from npend_gym.envs import EnvConfig
-from npend_gym.report.outputs import write_csv, write_json
+from npend_gym.report import write_csv, write_json
 from npend_gym.rl import (
     VALIDATION,
     bootstrap_interval,
@@ -48,8 +48,7 @@ from npend_gym.rl import (
     evaluate,
     interquartile_mean,
 )
-from npend_gym.rl.training import imitation, shac
-from npend_gym.rl.training.tasks import env_of_task
+from npend_gym.rl.training import env_of_task, imitation, shac
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "examples"))

@@ -13,8 +13,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reference" / "names.md"
 FACES = (
-    "", "chain", "physics", "theory", "chaos", "identification", "envs", "rl", "torch", "export",
-    "experiments", "report", "render",
+    "", "chain", "physics", "theory", "chaos", "identification", "envs", "rl", "rl.training",
+    "torch", "export", "experiments", "report", "render",
 )  # fmt: skip
 HEAD = """\
 # All names, with their arguments
@@ -49,7 +49,7 @@ def page() -> str:
 def _section(face: str, seen: set[tuple[Path, str]]) -> Iterator[str]:
     """Yield the lines of one package; `seen` are the names that another one has."""
     yield f"## npend_gym{'.' * bool(face)}{face}\n"
-    stub = ROOT / "npend_gym" / face / "__init__.pyi"
+    stub = ROOT.joinpath("npend_gym", *face.split("."), "__init__.pyi")
     for imported in ast.parse(stub.read_text("utf-8")).body:
         if not isinstance(imported, ast.ImportFrom) or imported.module is None:
             continue

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from npend_gym.rl import Policy, evaluate
-from npend_gym.rl.training.tasks import network
+from npend_gym.rl.training import network
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("dataset", choices=minari.list_local_datasets(), metavar="DATASET")

@@ -7,6 +7,7 @@ film, `npend evaluate swingup-2` does the same.
 from __future__ import annotations
 
 import argparse
+import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,16 +16,21 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from npend_gym.cli.common import prepare_file
-from npend_gym.cli.values import setting
-from npend_gym.envs.registration import ENV_ID
-from npend_gym.report.robustness_report import evaluation_text
-from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
-from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
-from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.settings import setting_of
-from npend_gym.rl.policies.shipped import find_policy
-from npend_gym.rl.training.tasks import env_of_task, evaluation_env
+from npend_gym.envs import ENV_ID
+from npend_gym.report import evaluation_text, prepare_file
+from npend_gym.rl import (
+    CONTROLLERS,
+    HELD_OUT,
+    Controller,
+    Model,
+    as_controller,
+    evaluate,
+    find_policy,
+    pretrained_names,
+    reference_controller,
+    setting_of,
+)
+from npend_gym.rl.training import env_of_task, evaluation_env
 
 
 def chosen(arguments: argparse.Namespace) -> tuple[Controller | Model, dict[str, Any]]:
@@ -78,6 +84,17 @@ def film(
     rate = env.metadata["render_fps"] / skip
     timing = {"duration": 1000.0 / rate, "loop": 0} if path.suffix == ".gif" else {"fps": rate}
     imageio.imwrite(path, np.stack(frames), **timing)
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Return name and value of NAME=VALUE: a value of JSON, or else a text."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, got {text}")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
 
 
 def main() -> None:

@@ -21,23 +21,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.report import write_csv
-from npend_gym.rl import Policy, episode_seeds
-from npend_gym.rl.evaluation.settings import setting_of
-from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
-from npend_gym.rl.training.keywords import OF_ENV, used_config
-from npend_gym.rl.training.tasks import (
+from npend_gym.rl import Policy, episode_seeds, setting_of
+from npend_gym.rl.training import (
+    OF_ENV,
+    Checkpoint,
     Curve,
+    Stopwatch,
     TrainingSettings,
     check_settings,
     env_of_task,
     evaluation_env,
     made_by,
+    used_config,
 )
 
+FloatArray, BoolArray = NDArray[np.float64], NDArray[np.bool_]
 SCRIPT = "examples/evolution_strategies.py"  # named in the record of a policy
 TASKS: dict[str, dict[str, Any]] = {
     "calm-5": {},

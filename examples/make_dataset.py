@@ -21,7 +21,7 @@ import numpy as np
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym import __version__
-from npend_gym.envs.registration import ENV_ID
+from npend_gym.envs import ENV_ID
 from npend_gym.rl import Controller, PlannedTransitions, Policy, planned_transitions
 
 KINDS = "random", "medium", "expert", "release", "transitions"

@@ -34,7 +34,7 @@ from tqdm import tqdm
 
 import npend_gym
 from npend_gym.rl import VALIDATION, Policy, SB3VecEnv, episode_seeds, evaluate
-from npend_gym.rl.training.tasks import evaluation_env
+from npend_gym.rl.training import evaluation_env
 
 SCRIPT = "examples/train_sb3.py"  # named in the record of a policy
 CONFIGS = Path(__file__).parent / "configs"

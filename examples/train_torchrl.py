@@ -33,9 +33,8 @@ from torchrl.objectives.value import GAE
 from tqdm import tqdm
 
 from npend_gym.report import write_csv
-from npend_gym.rl import Policy, episode_seeds
-from npend_gym.rl.evaluation.settings import setting_of
-from npend_gym.rl.training.tasks import (
+from npend_gym.rl import Policy, episode_seeds, setting_of
+from npend_gym.rl.training import (
     Curve,
     TrainingSettings,
     env_of_task,

@@ -26,12 +26,12 @@ from npend_gym.rl import (
     HELD_OUT,
     Controller,
     PlannedTransitions,
+    find_policy,
     planned_transitions,
     pretrained_names,
+    rollout,
+    setting_of,
 )
-from npend_gym.rl.evaluation.rollouts import rollout
-from npend_gym.rl.evaluation.settings import setting_of
-from npend_gym.rl.policies.shipped import find_policy
 
 EPISODES = 100
 

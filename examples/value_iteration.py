@@ -27,17 +27,16 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from npend_gym._checks import FloatArray
-from npend_gym.cli.common import prepare_file
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import Ensemble
-from npend_gym.report import write_csv
+from npend_gym.report import prepare_file, write_csv
 from npend_gym.rl import HELD_OUT, Policy
-from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
-from npend_gym.rl.training.tasks import Curve, TrainingSettings, policy_of
+from npend_gym.rl.training import Checkpoint, Curve, Stopwatch, TrainingSettings, policy_of
 
+FloatArray = NDArray[np.float64]
 SCRIPT = "examples/value_iteration.py"  # named in the record of the policy
 HOLD, SUBSTEPS = 0.1, 5  # s of an action; Runge-Kutta steps in it, a reward after each of them
 ENV = {

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import Chain, _checks, pseudo_periods, theory
 from npend_gym._checks import FloatArray
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from paper.hesitation import EARLY, heights
 from paper.third_order import MAX_THIRD_ORDER, AmplitudeGrowth, amplitude_growth
 

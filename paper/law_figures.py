@@ -8,7 +8,7 @@ import numpy as np
 
 from npend_gym import theory
 from npend_gym._palette import BLACK, FAINT, GREEN, ORANGE, PINK
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from paper.law import Law, Scan
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ def law_against_n(figure: Figure, data: tuple[Scan, Law]) -> None:
     """Draw the pseudo-period against N with the paper's model and the law, and the residuals."""
     from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
-    from npend_gym.report.style import TRIALS, panels
+    from npend_gym.report import TRIALS, panels
 
     scan, law = data
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
@@ -59,7 +59,7 @@ def law_against_angle(figure: Figure, data: tuple[Scan, Law]) -> None:
     """Draw the pseudo-period over T1 against the starting angle, and what the law leaves."""
     from matplotlib.ticker import PercentFormatter
 
-    from npend_gym.report.style import panels, shade
+    from npend_gym.report import panels, shade
 
     scan, law = data
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.4, 1.0))

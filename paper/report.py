@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym import _files
-from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
+from npend_gym.report import prepare_folder, write_csv, write_figure, write_manifest
 from paper.claims import claims, render
 from paper.findings import KANE_N, Finding, by_section, selected
 from paper.registry import DRAWINGS, TABLES, Verdict, call

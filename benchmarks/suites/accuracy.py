@@ -20,9 +20,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from npend_gym import Chain, simulate
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
-from npend_gym.physics import simulate
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import derivative, new_work
 from npend_gym.physics.kernels.link_terms import arrays_of

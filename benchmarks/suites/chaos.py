@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import simpson
 
-from npend_gym import theory
+from npend_gym import Chain, theory
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
 from npend_gym.chaos import largest_lyapunov, lyapunov_spectrum, periodic_orbits, tangents
 from npend_gym.physics import mass_matrix, simulate
 from suites.timing import Peers, Row, timed

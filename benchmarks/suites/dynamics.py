@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from npend_gym import Chain
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
 from npend_gym.compiled.arrays import aligned_zeros, packs
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from npend_gym import Chain
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
 from npend_gym.chaos import flip_times
 from npend_gym.physics import energy, simulate
 from npend_gym.physics.kernels.dynamics import derivative, new_work

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from npend_gym import Chain
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
 from npend_gym.physics import DeviceChains, Ensemble
 from suites.timing import Job, Peers, Row, rates
 

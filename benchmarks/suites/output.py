@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.report.outputs import write_csv, write_figure
+from npend_gym.report import write_csv, write_figure
 from suites.accuracy import DURATION, FRAMES, Measurement, N
 from suites.timing import Row, machine
 
@@ -55,7 +55,7 @@ def work_precision(measured: Sequence[Measurement]) -> Figure:
     """Draw CPU time against energy error, a line for each method."""
     from matplotlib.figure import Figure
 
-    from npend_gym.report.style import styled
+    from npend_gym.report import styled
 
     @styled
     def draw() -> Figure:

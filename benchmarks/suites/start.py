@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from npend_gym import Chain, simulate
-from npend_gym.physics import Event
+from npend_gym import Chain, Event, simulate
 from suites.timing import Job, Peers, Row, rates
 
 RUNS = 5

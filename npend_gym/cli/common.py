@@ -223,15 +223,6 @@ def prepare_results(out: Path, command: str) -> None:
         warn(f"{command}: replaces the results in {out}")
 
 
-def prepare_file(out: Path, suffixes: Sequence[str], name: str = "out") -> None:
-    """Check that the file `out`, of the option `name`, can be written, before work begins."""
-    from npend_gym.report import outputs
-
-    if out.suffix not in suffixes or out.is_dir():
-        raise ValueError(f"{name} must be a file that ends in {' or '.join(suffixes)}, got {out}")
-    outputs.prepare_folder(out.parent, f"{name} must be in")
-
-
 def progress(unit: str, total: int | None = None) -> Callable[[Iterable[_T]], Iterable[_T]]:
     """Return a function that shows how far a loop is, as "2 of 4 chains"; `unit` is "chains" there.
 

@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from npend_gym.cli.common import OK, prepare_file, show_file, warn
+from npend_gym.cli.common import OK, show_file, warn
 from npend_gym.cli.evaluate import chosen
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def run(
     from npend_gym._files import replacing
     from npend_gym.chain import as_chain
     from npend_gym.export import mjcf, urdf
+    from npend_gym.report import prepare_file
 
     prepare_file(out, (_SUFFIXES[to],))
     of_c = {"prefix": prefix, "relative": relative}

@@ -21,7 +21,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import FAILED, OK, prepare_file, show_file, warn
+from npend_gym.cli.common import FAILED, OK, show_file, warn
 
 FILLS = {"npend_gym.experiments.release:ReleaseExperiment": ("amplitude", "chain")}
 _PAGE = Path("npend-play.html")
@@ -46,7 +46,7 @@ def run(
     from npend_gym.chain import Chain, as_chain
     from npend_gym.envs.wasm import step_chain, step_constants, step_layout, step_module
     from npend_gym.experiments import ReleaseExperiment
-    from npend_gym.report import live_page, player
+    from npend_gym.report import live_page, player, prepare_file
     from npend_gym.rl import Policy
 
     if n is not None and chain is not None:

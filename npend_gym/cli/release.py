@@ -27,7 +27,6 @@ from npend_gym.cli.common import (
     OK,
     can_draw,
     finishing,
-    prepare_file,
     prepare_results,
     progress,
     show_file,
@@ -65,7 +64,7 @@ def run(
     """
     from npend_gym.experiments import ReleaseExperiment, measure
     from npend_gym.recording import record_first_trials
-    from npend_gym.report import player, release_page
+    from npend_gym.report import player, prepare_file, release_page
     from npend_gym.report import release_tables as report
 
     runs: list[Run] = []

@@ -24,7 +24,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import OK, prepare_file, progress, show_file
+from npend_gym.cli.common import OK, progress, show_file
 from npend_gym.cli.options import spelled
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def run(
         Film the chain alone, in square pictures without the diagrams.
     """
     from npend_gym import _checks, _extras
-    from npend_gym.report.outputs import FIGURES, write_figure
+    from npend_gym.report.outputs import FIGURES, prepare_file, write_figure
 
     of_film = {"fps": fps, "speed": speed, "size": size, "plain": plain or None}
     extra = [name for name, value in of_film.items() if value is not None]

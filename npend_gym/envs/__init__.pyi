@@ -10,5 +10,6 @@ from npend_gym.envs.modes import SwingUp as SwingUp
 from npend_gym.envs.modes import Transition as Transition
 from npend_gym.envs.progress import EnvInUse as EnvInUse
 from npend_gym.envs.progress import ResetNeeded as ResetNeeded
+from npend_gym.envs.registration import ENV_ID as ENV_ID
 from npend_gym.envs.single import NPendulumEnv as NPendulumEnv
 from npend_gym.envs.vector import NPendulumVectorEnv as NPendulumVectorEnv

@@ -13,9 +13,15 @@ from npend_gym.experiments.campaign.plan import CampaignPlan as CampaignPlan
 from npend_gym.experiments.campaign.plan import Task as Task
 from npend_gym.experiments.campaign.statistics import Outlier as Outlier
 from npend_gym.experiments.campaign.statistics import Statistics as Statistics
+from npend_gym.experiments.fits import LAW_FROM as LAW_FROM
+from npend_gym.experiments.fits import LAW_UP_TO as LAW_UP_TO
 from npend_gym.experiments.fits import Estimate as Estimate
 from npend_gym.experiments.fits import power_law as power_law
 from npend_gym.experiments.flip_map import FlipMap as FlipMap
+from npend_gym.experiments.release import PAPER_AMPLITUDE as PAPER_AMPLITUDE
+from npend_gym.experiments.release import PAPER_N as PAPER_N
+from npend_gym.experiments.release import PAPER_SPREAD as PAPER_SPREAD
+from npend_gym.experiments.release import PAPER_TRIALS as PAPER_TRIALS
 from npend_gym.experiments.release import ReleaseExperiment as ReleaseExperiment
 from npend_gym.experiments.release import Run as Run
 from npend_gym.experiments.release import bob_rows as bob_rows

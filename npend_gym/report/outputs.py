@@ -39,6 +39,27 @@ def prepare_folder(out: Path, rule: str = "out must be") -> None:
         raise ValueError(f"{rule} a folder that can be written to, got {out}: {reason}") from error
 
 
+def prepare_file(out: Path, suffixes: Sequence[str], name: str = "out") -> None:
+    """Check that a file can be written, before work begins; make its folder if need be.
+
+    Parameters
+    ----------
+    out : Path
+    suffixes : sequence of str
+        One of which it ends in, such as ".csv".
+    name : str
+        Of the option that names the file, for the error.
+
+    Raises
+    ------
+    ValueError
+        If it ends otherwise, is a folder, or stands in none that can be written to.
+    """
+    if out.suffix not in suffixes or out.is_dir():
+        raise ValueError(f"{name} must be a file that ends in {' or '.join(suffixes)}, got {out}")
+    prepare_folder(out.parent, f"{name} must be in")
+
+
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
     """Write `rows`, whose keys are the columns, to `path`, whole or not at all.
 

@@ -5,6 +5,9 @@ from npend_gym.rl.controllers.mpc import MPC as MPC
 from npend_gym.rl.controllers.planning import PlannedTransition as PlannedTransition
 from npend_gym.rl.controllers.planning import planned_swing_up as planned_swing_up
 from npend_gym.rl.controllers.planning import planned_transition as planned_transition
+from npend_gym.rl.controllers.references import CONTROLLERS as CONTROLLERS
+from npend_gym.rl.controllers.references import PLANS as PLANS
+from npend_gym.rl.controllers.references import reference_controller as reference_controller
 from npend_gym.rl.controllers.regulators import lqr as lqr
 from npend_gym.rl.controllers.regulators import modal_damping as modal_damping
 from npend_gym.rl.controllers.transitions import PlannedTransitions as PlannedTransitions
@@ -14,6 +17,8 @@ from npend_gym.rl.evaluation.criteria import Criterion as Criterion
 from npend_gym.rl.evaluation.criteria import Pushes as Pushes
 from npend_gym.rl.evaluation.episodes import Evaluation as Evaluation
 from npend_gym.rl.evaluation.episodes import evaluate as evaluate
+from npend_gym.rl.evaluation.models import Model as Model
+from npend_gym.rl.evaluation.models import as_controller as as_controller
 from npend_gym.rl.evaluation.performance import Performance as Performance
 from npend_gym.rl.evaluation.performance import performance as performance
 from npend_gym.rl.evaluation.protocol import Outcome as Outcome
@@ -22,9 +27,13 @@ from npend_gym.rl.evaluation.protocol import robustness as robustness
 from npend_gym.rl.evaluation.recovery import Recovery as Recovery
 from npend_gym.rl.evaluation.recovery import recovery as recovery
 from npend_gym.rl.evaluation.rollouts import Controller as Controller
+from npend_gym.rl.evaluation.rollouts import Step as Step
+from npend_gym.rl.evaluation.rollouts import rollout as rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT as HELD_OUT
 from npend_gym.rl.evaluation.seeds import VALIDATION as VALIDATION
 from npend_gym.rl.evaluation.seeds import episode_seeds as episode_seeds
+from npend_gym.rl.evaluation.settings import EnvSetting as EnvSetting
+from npend_gym.rl.evaluation.settings import setting_of as setting_of
 from npend_gym.rl.evaluation.statistics import bootstrap_interval as bootstrap_interval
 from npend_gym.rl.evaluation.statistics import interquartile_mean as interquartile_mean
 from npend_gym.rl.evaluation.statistics import performance_profile as performance_profile
@@ -34,4 +43,5 @@ from npend_gym.rl.policies.files import pretrained_names as pretrained_names
 from npend_gym.rl.policies.model_card import write_repository as write_repository
 from npend_gym.rl.policies.observations import observation_of as observation_of
 from npend_gym.rl.policies.policy import Policy as Policy
+from npend_gym.rl.policies.shipped import find_policy as find_policy
 from npend_gym.rl.policies.velocities import VelocityEstimator as VelocityEstimator

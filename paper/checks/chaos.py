@@ -9,8 +9,7 @@ import numpy as np
 from npend_gym import Chain, theory
 from npend_gym._palette import ORANGE
 from npend_gym.chaos import Growth, neighbour_distance, tangent_growth, volume_change
-from npend_gym.experiments import power_law
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE, power_law
 from npend_gym.physics import linearise
 from paper.motions import samples
 from paper.registry import Figure, Outcome, check, figure, holds_if, table
@@ -95,7 +94,7 @@ def growth_rows(points: int = 200) -> list[dict[str, float]]:
     size=(7.2, 3.8), data=runs,
 )  # fmt: skip
 def _draw_growth(figure: Figure, data: dict[str, dict[int, Growth]]) -> None:
-    from npend_gym.report.style import panels, shade
+    from npend_gym.report import panels, shade
 
     box: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     for axes, (angle, of_angle) in zip(panels(figure, 1, len(data)), data.items(), strict=True):

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from paper import hesitation
 from paper.hesitation import EARLY, Velocities
 from paper.registry import Figure, Outcome, check, figure, holds_if, table

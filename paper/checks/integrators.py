@@ -12,8 +12,7 @@ from scipy.integrate import odeint
 from npend_gym import Chain, IntegrationError, simulate, theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import BLUE, ORANGE
-from npend_gym.experiments import power_law
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE, power_law
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import derivative, new_work

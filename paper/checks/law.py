@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from npend_gym import Chain, pseudo_periods, theory
-from npend_gym.experiments.fits import LAW_FROM, LAW_UP_TO
-from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_SPREAD
+from npend_gym.experiments import LAW_FROM, LAW_UP_TO, PAPER_AMPLITUDE, PAPER_SPREAD
 from npend_gym.theory.rope import SLOWEST
 from paper import law
 from paper.hesitation import heights

@@ -8,8 +8,7 @@ from scipy.special import ellipj, ellipk
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.chain import STANDARD_GRAVITY
-from npend_gym.experiments import power_law
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE, power_law
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import potential_energy
 from paper.registry import Outcome, Verdict, check, holds_if, slip_if

@@ -12,7 +12,7 @@ import numpy as np
 from npend_gym import Chain, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY
-from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
+from npend_gym.experiments import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
 from paper.checks.series import MAX_TERMS, printed_sums
 from paper.claims import printed
 from paper.measured import PAPER_GRAVITY, bob_periods

@@ -11,8 +11,7 @@ from npend_gym import Chain, Trajectory, pseudo_periods, simulate, theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE, SKY
 from npend_gym.chaos import neighbour_distance
-from npend_gym.experiments import power_law
-from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_TRIALS
+from npend_gym.experiments import PAPER_AMPLITUDE, PAPER_N, PAPER_TRIALS, power_law
 from paper.checks.periods import FRACTIONS, listing_bars
 from paper.estimator import LISTING_DURATION
 from paper.measured import bob_periods, fundamental_periods, ideal_periods
@@ -145,7 +144,7 @@ def _figure(key: str) -> Outcome:
     size=(7.2, 5.8), data=lambda: [*map(series, PAPER_N)],
 )  # fmt: skip
 def _draw_pseudo_periods(figure: Figure, data: list[Series]) -> None:
-    from npend_gym.report.style import TRIALS, panels
+    from npend_gym.report import TRIALS, panels
 
     for axes, one in zip(panels(figure, 2, 2), data, strict=True):
         n, width = one.counts.size, one.bars[0] / one.ideal[0]

@@ -7,7 +7,7 @@ import numpy as np
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLACK, FAINT, GREEN
-from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
+from npend_gym.experiments import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
 from paper import readings as tried
 from paper.readings import AMPLITUDES, AS_WRITTEN, ERRORS, HALF_DIGIT, Grid, grid
 from paper.registry import Figure, Outcome, check, figure, holds_if, table
@@ -112,7 +112,7 @@ table("errors_by_reading", "tables-together")(lambda: grid().rows())
     size=(7.2, 4.2), data=grid,
 )  # fmt: skip
 def _draw_readings(figure: Figure, data: Grid) -> None:
-    from npend_gym.report.style import TRIALS, panels
+    from npend_gym.report import TRIALS, panels
 
     left, right = panels(figure, 1, 2)
     shift = np.random.default_rng(0).uniform(-0.3, 0.3, len(data.readings))

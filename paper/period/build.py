@@ -6,7 +6,7 @@ import typst
 
 from npend_gym import _files
 from npend_gym.cli.common import Parser
-from npend_gym.report.outputs import prepare_folder
+from npend_gym.report import prepare_folder
 
 HERE = Path(__file__).parent
 

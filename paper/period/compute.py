@@ -16,7 +16,7 @@ import numpy as np
 
 from npend_gym import Chain, _files, pseudo_periods, theory
 from npend_gym.cli.common import Parser
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from npend_gym.theory.rope import SLOWEST
 from paper import hesitation
 from paper.checks.law import growth_of_the_middle

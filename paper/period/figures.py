@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from npend_gym import Chain, _files, pseudo_periods, theory
 from npend_gym._palette import AMBER, BLACK, BLUE, FAINT, GREEN, ORANGE, PINK
 from npend_gym.cli.common import Parser
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from npend_gym.report import panels, styled
 from paper.period import front, growth_map
 from paper.period.compute import BEYOND, com_period

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym import Chain, _checks
-from npend_gym.cli.common import OK, Parser, dispatch, prepare_file
-from npend_gym.report.outputs import write_csv
+from npend_gym.cli.common import OK, Parser, dispatch
+from npend_gym.report import prepare_file, write_csv
 
 _SHOWN = 11  # columns: the table of the front has hundreds
 

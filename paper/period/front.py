@@ -29,7 +29,7 @@ from scipy.special import j0, j1, jn_zeros
 
 from npend_gym import Chain, _checks, simulate, theory
 from npend_gym._checks import FloatArray
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from paper.hesitation import front_passes
 from paper.period.files import read_rows, write_rows
 

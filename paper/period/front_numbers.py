@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from paper.period import front
 from paper.period.registry import number
 

@@ -14,7 +14,7 @@ import numpy as np
 from npend_gym import Chain
 from npend_gym._checks import FloatArray
 from npend_gym.chaos import tangents
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from paper.period.files import write_rows
 
 FILE = Path(__file__).with_name("growth.csv")

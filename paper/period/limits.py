@@ -8,7 +8,7 @@ import numpy as np
 
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym._checks import FloatArray
-from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.experiments import PAPER_AMPLITUDE
 from npend_gym.theory import normal_modes
 from paper.third_order import amplitude_growth
 

@@ -46,8 +46,30 @@ def reference_controller(
 ) -> Controller:
     """Return one of `CONTROLLERS` for an environment, which is given as for `evaluate`.
 
-    Where episodes have goals it must be "plan". `progress` may wrap the iteration over the guesses
-    of a plan, or over many plans, as tqdm does.
+    Where episodes have goals it must be "plan".
+
+    Parameters
+    ----------
+    name : {"LQR", "MPC", "damping", "energy", "plan"}
+    env : Env, VectorEnv, EnvSpec, str or dict
+    progress : callable
+        May wrap the iteration over the guesses of a plan, or over many plans, as tqdm does.
+
+    Returns
+    -------
+    Controller
+
+    Raises
+    ------
+    ValueError
+        If there is no such controller, or it does not suit the task.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> act = rl.reference_controller("LQR", {"n": 1, "mode": "balance"})
+    >>> rl.evaluate(act, {"n": 1, "mode": "balance"}, episodes=2).success.tolist()
+    [True, True]
     """
     _checks.choice("controller", name, CONTROLLERS)
     config = setting_of(env).config

@@ -48,7 +48,34 @@ def as_controller(
 
     Without wrappers of the environment, the model observes through those of its own training.
     Where the environment does not show the exact state, or the model `observes` it in any case, it
-    is given the state as observed, see `Observer`.
+    is given the state as observed.
+
+    Parameters
+    ----------
+    model : Controller or Model
+    config : EnvConfig
+    wrappers : sequence
+        Wrappers of the environment that change observations or actions.
+    deterministic : bool
+        Whether a model that draws its actions takes their mean.
+    observes : bool
+
+    Returns
+    -------
+    Controller
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the model has other observations or actions than the environment.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> policy = rl.Policy.pretrained("balance-1")
+    >>> config = rl.setting_of(policy.env).config
+    >>> rl.as_controller(policy, config) is policy
+    True
     """
     controller = _behind(model, config, wrappers, deterministic=deterministic)
     return Observer(controller, config) if observes or not config.shows_state else controller

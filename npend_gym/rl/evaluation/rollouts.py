@@ -62,7 +62,29 @@ class Step(NamedTuple):
 
 
 def rollout(controller: Controller, envs: Any, seed: int, options: Any = None) -> Iterator[Step]:
-    """Begin episodes in all lanes and yield every step until all are over; then close `envs`."""
+    """Begin episodes in all lanes and yield every step until all are over; then close `envs`.
+
+    Parameters
+    ----------
+    controller : Controller
+    envs : NPendulumVectorEnv
+    seed : int
+        Of the first lane, as for `reset`.
+    options : dict, optional
+        For `reset`.
+
+    Yields
+    ------
+    Step
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> setting = rl.setting_of({"n": 1, "mode": "balance", "max_episode_steps": 3})
+    >>> steps = rl.rollout(rl.lqr(setting.config), setting.make(2), seed=0)
+    >>> [step.running.tolist() for step in steps]
+    [[True, True], [True, True], [True, True]]
+    """
     with closing(envs):
         observation, info = envs.reset(seed=seed, options=options)
         forget(controller, envs.num_envs)

@@ -111,7 +111,30 @@ class EnvSetting(NamedTuple):
 
 
 def setting_of(env: EnvLike) -> EnvSetting:
-    """Return the setting that an environment has, or say that it is none."""
+    """Return how to make environments like one that is given.
+
+    Parameters
+    ----------
+    env : Env, VectorEnv, EnvSpec, str or dict
+        As for `evaluate`: an environment, its `spec`, its id, or the keywords of "NPendulum-v0",
+        among which "id" names another.
+
+    Returns
+    -------
+    EnvSetting
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no environment of this package.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> setting = rl.setting_of({"id": "npend/Balance-v1", "n": 1})
+    >>> setting.config.n, setting.make(4).num_envs
+    (1, 4)
+    """
     if isinstance(env, str):
         return EnvSetting(env, {})
     if isinstance(env, Mapping):

@@ -18,7 +18,30 @@ def policy_path(name: str) -> Path:
 
 
 def find_policy(name: str, *, trust: bool = False) -> Policy:
-    """Return a policy of the package by its name, or that in a file, with its environment."""
+    """Return a policy of the package by its name, or that in a file, with its environment.
+
+    Parameters
+    ----------
+    name : str
+        A name of `pretrained_names`, or the path of a file that `Policy.save` wrote.
+    trust : bool
+        Whether to import what the file names, as for `Policy.load`.
+
+    Returns
+    -------
+    Policy
+
+    Raises
+    ------
+    ValueError
+        If there is none, or the file says no environment.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> rl.find_policy("swingup-2").env["n"]
+    2
+    """
     policy = Policy.load(policy_path(name), trust=trust)
     if not policy.env:
         raise ValueError(

@@ -1,0 +1,94 @@
+"""What stands beside the package uses its public names: those that a package's stub lists."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+STUBS = {
+    ".".join(stub.parent.relative_to(ROOT).parts): {
+        alias.asname or alias.name
+        for node in ast.parse(stub.read_text("utf-8")).body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    for stub in (ROOT / "npend_gym").rglob("__init__.pyi")
+}
+# Modules inside the package that these folders share or measure, and users do not. A name that
+# leaves the last of them is taken from the list: it gets shorter, never longer
+INSIDE = {
+    "benchmarks": {
+        "_checks", "_files", "_palette", "_provenance", "cli.common", "compiled.arrays",
+        "compiled.jit", "compiled.packs", "experiments.campaign.task", "physics.energy",
+        "physics.kernels.dynamics", "physics.kernels.rk4", "physics.kernels.rk4_derivatives",
+        "physics.kernels.tensions", "physics.memory", "report.outputs", "theory.unstable_modes",
+    },
+    "paper": {
+        "_checks", "_extras", "_files", "_palette", "_threads", "chain.inertia", "cli.common",
+        "cli.values", "experiments.fits", "physics.energy", "physics.kernels.dynamics",
+        "report.outputs", "report.style", "theory.rope",
+    },
+}  # fmt: skip
+
+
+def private_imports(text):
+    """Yield what a program imports of the package beside the public names, as "module: name"."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "npend_gym":
+            public = STUBS.get(node.module, set()) | {
+                face.rpartition(".")[2] for face in STUBS if face.startswith(f"{node.module}.")
+            }
+            yield from (f"{node.module}: {a.name}" for a in node.names if a.name not in public)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name.startswith("npend_gym.") and alias.name not in STUBS:
+                    yield f"{alias.name}: "
+
+
+def of_folder(folder):
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for each in private_imports(path.read_text("utf-8")):
+            yield f"{path.relative_to(ROOT)} {each}"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from npend_gym._checks import FloatArray", "from npend_gym import _checks",
+        "from npend_gym.rl.training.checkpoints import Checkpoint", "import npend_gym.envs.config",
+        "def f():\n    from npend_gym.rl import judging", "from npend_gym.physics import energy",
+    ],
+)  # fmt: skip
+def test_the_check_finds_a_private_name(line):
+    assert len(list(private_imports(line))) == 1
+
+
+def test_the_check_passes_public_names():
+    lines = (
+        "from npend_gym import Chain, __version__, envs", "import npend_gym",
+        "from npend_gym.rl import training", "from npend_gym.envs import ENV_ID", "import numpy",
+        "from npend_gym.rl.training import Checkpoint", "import npend_gym.rl.training as t",
+    )  # fmt: skip
+    assert list(private_imports("\n".join(lines))) == []
+
+
+def test_examples_import_public_names_alone():
+    assert list(of_folder("examples")) == []
+
+
+def test_the_programs_of_pages_import_public_names_alone():
+    found = []
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))):
+        text = path.read_text("utf-8")
+        for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+            found += [f"{path.relative_to(ROOT)} {each}" for each in private_imports(block)]
+    assert found == []
+
+
+@pytest.mark.parametrize("folder", list(INSIDE))
+def test_other_programs_of_a_clone_import_from_no_more_of_the_inside_than_is_listed(folder):
+    used = {each.split(" ", 1)[1].partition(": ") for each in of_folder(folder)}
+    modules = {f"{module}.{name}" if module in STUBS else module for module, _, name in used}
+    assert {module.removeprefix("npend_gym.") for module in modules} == INSIDE[folder]
