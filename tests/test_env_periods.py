@@ -145,3 +145,14 @@ def test_the_keyword_is_a_truth_and_a_mode_of_ones_own_names_its_default():
 
 def test_periods_leave_a_task_as_hard_as_it_is():
     assert gym.make("npend/SwingUp-v1", measure_periods=True).unwrapped.spec.reward_threshold == 900
+
+
+@pytest.mark.long
+def test_a_chain_with_rotors_goes_on_from_its_state():
+    env = gym.make(ID, chain=Chain.rods([1.0, 0.5], [1.0, 0.7], armature=0.1)).unwrapped
+    shown(env, 10)
+    state = env.get_state()
+    assert np.all(state["rotors"][0] == 0.1)  # the row of the armature
+    after = env.step(np.ones(1))
+    env.set_state(state)
+    assert_same(list(env.step(np.ones(1))), list(after))

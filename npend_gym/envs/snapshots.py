@@ -44,7 +44,7 @@ class Snapshots:
         rows = [*Member._fields, *Episode._fields, *Setting._fields]
         members: list[Any] = [(name.lower(), "<f8") for name in rows]
         parts: list[Any] = [("members", members), ("rods", rods)]
-        for name, terms in zip(("links", "joints", "base"), memory.arrays[2] or (), strict=False):
+        for name, terms in zip(MODEL, memory.arrays[2] or (), strict=False):
             parts.append((name, "<f8", (terms.shape[1], terms.shape[2] // memory.width)))
         if memory.record is not None:
             turns = [(name.lower(), "<f8", (config.n + 1,)) for name in Turn._fields]
