@@ -229,11 +229,37 @@ def test_what_is_held_out_is_chosen_after_segments_became_shorter():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", "theta reaches")
         found = identify(times, theta, chain=Chain([0.03, 0.002], [0.09, 0.07]))
-    assert [one["held_out"] for one in found.segments] == [False] * 3 + [True]
+    assert [one["held_out"] for one in found.segments] == [False] * 6 + [True] * 2
     assert found.held_out_rmse == pytest.approx(0.01, rel=0.15)
     fitted, held = ({(one["start"], one["end"]) for one in found.segments if one["held_out"] == h}
                     for h in (False, True))  # fmt: skip
     assert all(end < a or start > b for start, end in held for a, b in fitted)
+
+
+@pytest.mark.parametrize("start", [(1, 1), (-1, -1), (1, -1)])
+@pytest.mark.parametrize(
+    ("true", "known"),
+    [
+        (Chain([0.05, 0.005], [0.09, 0.07]), Chain([0.03, 0.002], [0.09, 0.07])),
+        (Chain.rods([0.1, 0.06], [0.2, 0.15]), Chain([0.1, 0.06], [0.2, 0.15], centres=0.1)),
+        (Chain([0.05, 0.0068], [0.091, 0.07]), Chain(1.0, [0.091, 0.07])),
+    ],
+)  # fmt: skip
+def test_a_first_stage_that_is_lost_is_shortened_and_explained_by_no_other_meaning(
+    true, known, start
+):
+    times, released = np.arange(0.0, 2.0, 0.01), np.pi - np.array(start) * [0.001, 0.002]
+    theta = simulate(true, released, 0.0, times).theta
+    for seed in (1, 3):
+        noise = 0.015 * np.random.default_rng(seed).normal(size=theta.shape)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.filterwarnings("ignore", "standard errors are large|theta reaches")
+            found = identify(times, theta + noise, chain=known, fit=["inertia", "lift"])
+        scale = known.lift[0] / true.lift[0]
+        errors = (found.values - scale * truth(found, true)) / found.standard_errors
+        assert np.abs(errors).max() < 4.0
+        assert found.held_out_rmse < 0.025
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

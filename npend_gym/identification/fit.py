@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain, check_hung
 from npend_gym.identification.motion import MIN_ROWS, Motion, check_motion
@@ -294,7 +295,8 @@ class Problem:
         if duration < longest and self.held_out > 0.0:
             blocks = motion.cut(motion.stretches(), duration)
             training, held = _split(blocks, self.held_out)
-            fitted, duration = self._lengthen(training)
+            found = self.stages.model.unpack(fitted.solution.fitted)
+            fitted, duration = self._lengthen(training, found)
         if len(blocks) == 1 and self.held_out > 0.0:
             warn_caller(
                 "held_out leaves out nothing: there is one segment; record more, give a shorter "
@@ -302,11 +304,17 @@ class Problem:
             )
         return fitted, held, duration
 
-    def _lengthen(self, training: Sequence[slice]) -> tuple[Fit, float]:
-        """Return the fit over the longest segments that are possible, and their duration [s]."""
+    def _lengthen(
+        self, training: Sequence[slice], values: FloatArray | None = None
+    ) -> tuple[Fit, float]:
+        """Return the fit over the longest segments that are possible, and their duration [s].
+
+        It begins with `values` (9, n), or those of regressions.
+        """
         stages = self.stages
         try:
-            fitted, duration = stages.lengthen(training, stages.start(training))
+            values = stages.start(training) if values is None else values
+            fitted, duration = stages.lengthen(training, values)
             if fitted is None:
                 raise RuntimeError("the fit left all chains that can move: fit fewer quantities")
         except (np.linalg.LinAlgError, RuntimeError) as error:

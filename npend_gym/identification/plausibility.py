@@ -143,8 +143,8 @@ def check_readings(motion: Motion, model: Model, rows: Sequence[slice], error: f
         free[OFFSET] |= convert is _integrated and model.chain.gravity > 0.0
         with suppress(RuntimeError, ValueError, np.linalg.LinAlgError):
             fit = Stages(other, replace(model, free=free)).fit_once(rows, _ROUGHLY)
-            if fit is not None:  # angles of other units vary by less
-                size = _spread(other) / own
+            if fit is not None and not fit.may_be_lost:  # a lost fit explains nothing
+                size = _spread(other) / own  # angles of other units vary by less
                 tried.append((
                     fit.rmse / min(size, 1.0),
                     _RATES_BETTER if convert is _integrated else _BETTER,

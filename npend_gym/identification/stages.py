@@ -12,7 +12,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.identification.least_squares import CONVERGED, Solution, solve
 from npend_gym.identification.motion import MIN_ROWS, Motion
 from npend_gym.identification.parameters import Model
-from npend_gym.identification.regression import regress, smooth
+from npend_gym.identification.regression import Smooth, regress, smooth
 from npend_gym.identification.shooting import Shooting
 from npend_gym.physics.substeps import MAX_ROTATION, default_substeps
 
@@ -22,6 +22,7 @@ _ROUGH = 1  # iterations that tell which first values are best
 _PASSING = 1e-2  # decrease of the cost in a step that ends a stage before the last one
 _NODES = 4  # substeps between two nodes of the grid
 _SENSITIVE = 0.2  # growth of the scatter to so many rad: a chaotic motion has many solutions
+_AS_GOOD = 1.2  # times the error of segments half as long: noise, and no lost motion, is so large
 _TOO_MUCH = 8.0  # a fit whose error grows by this factor when segments are twice as long ...
 _SMALL = 0.02  # ... and exceeds this [rad] has lost the motion
 
@@ -59,13 +60,15 @@ class Fit:
         """Root mean square error of all angles [rad]."""
         return float(np.sqrt(np.mean(self.residuals**2)))
 
+    @property
+    def may_be_lost(self) -> bool:
+        """Whether segments amplify errors so much that another solution may be the right one."""
+        by_angles = self.solution.slopes[1][..., : self.links]
+        return float(np.abs(by_angles).max()) * self.scatter > _SENSITIVE
+
     def has_lost(self, shorter: Fit) -> bool:
         """Whether longer segments lost the motion, or amplify its errors so much that they may."""
-        by_angles = self.solution.slopes[1][..., : self.links]
-        return (
-            self.rmse > max(_SMALL, _TOO_MUCH * shorter.rmse)
-            or float(np.abs(by_angles).max()) * self.scatter > _SENSITIVE
-        )
+        return self.rmse > max(_SMALL, _TOO_MUCH * shorter.rmse) or self.may_be_lost
 
 
 class Stages:
@@ -114,48 +117,73 @@ class Stages:
         The splines of the best regression give the first states from now on. If none makes a chain
         that moves, a RuntimeError is raised.
         """
-        short = self.motion.cut(parts, self._durations(parts)[0])
         widest = 0.5 * self.period
         narrowest = min(max(10.0 * self._interval, 0.05 * self.period), 0.5 * widest)
-        given, curves = self.model.known, self._curves
-        tried = [(self._rough_error(given, short), given)]
-        least = math.inf
+        first = [(self._curves, self.model.known)]
         for width in np.geomspace(narrowest, widest, _WIDTHS).tolist():
-            self._curves = smooth(self.motion, width)
-            values = regress(self.model, self.motion, self._curves, parts)
+            curves = smooth(self.motion, width)
+            values = regress(self.model, self.motion, curves, parts)
             if values is not None:
-                tried.append((self._rough_error(values, short), values))
-                if tried[-1][0] < least:
-                    least, curves = tried[-1][0], self._curves
-        self._curves = curves
-        error, best = min(tried, key=lambda one: one[0])
-        if math.isinf(error):
+                first.append((curves, values))
+        duration = self._durations(parts)[0]
+        while True:
+            short = self.motion.cut(parts, duration)
+            tried = [(self._rough(curves, values, short), curves, values)
+                     for curves, values in first]  # fmt: skip
+            best, curves, values = min(tried, key=lambda one: _rms(one[0]))
+            if not self._can_halve(best, duration):
+                break
+            duration *= 0.5
+        self._curves = min(tried[1:] or tried, key=lambda one: _rms(one[0]))[1]
+        if best is None:
             raise RuntimeError(
                 "no links of these lengths move like the data: check the lengths of the chain, the "
                 "units and the order of the angles, and that they are absolute, not of the joints"
             )
-        return best
+        return values
 
-    def _rough_error(self, values: FloatArray, rows: Sequence[slice]) -> float:
-        fit = self.fit(self.model.fixed(values), rows, np.empty(0), _ROUGH)
-        return math.inf if fit is None else fit.solution.rms
+    def _rough(self, curves: Smooth, values: FloatArray, rows: Sequence[slice]) -> Fit | None:
+        self._curves = curves
+        return self.fit(self.model.fixed(values), rows, np.empty(0), _ROUGH)
+
+    def _can_halve(self, fit: Fit | None, duration: float) -> bool:
+        """Return whether a fit may be lost that has no shorter one, and segments can be halved."""
+        may_be_lost = fit is None or fit.may_be_lost
+        return may_be_lost and duration >= 2.0 * MIN_ROWS * self._interval
 
     def lengthen(
         self, parts: Sequence[slice], values: FloatArray, model: Model | None = None, most: int = 50
     ) -> tuple[Fit | None, float]:
         """Return the fit over the longest segments that are possible, and their duration [s].
 
-        It begins with `values` (9, n); each stage takes at most `most` iterations.
+        It begins with `values` (9, n); each stage takes at most `most` iterations. The first stage
+        has no shorter one to be compared with: it is halved until it amplifies no error too much,
+        or segments have 20 rows.
         """
         model, best, reached = model or self.model, None, 0.0
-        for duration in self._durations(parts):
-            rows = self.motion.cut(parts, duration)
-            new = self.fit(model, rows, best or model.pack(values), most, _PASSING)
+        durations = self._durations(parts)
+        begun = [self._first(parts, durations[0], model, values, most)]
+        while self._can_halve(begun[0], durations[0]):
+            durations.insert(0, 0.5 * durations[0])
+            begun.insert(0, self._first(parts, durations[0], model, values, most))
+        if begun[0] is not None and begun[0].may_be_lost:  # by large errors, or it is lost
+            while len(begun) > 1 and _rms(begun[1]) < _AS_GOOD * _rms(begun[0]):
+                del begun[0], durations[0]
+        new = begun[0]
+        for duration in durations:
+            if best is not None:
+                new = self.fit(model, self.motion.cut(parts, duration), best, most, _PASSING)
             if new is None or (best is not None and model.names and new.has_lost(best)):
                 break
             best, reached = new, duration
         final = None if best is None else self.fit(model, best.rows, best, most)
         return final or best, reached
+
+    def _first(
+        self, parts: Sequence[slice], duration: float, model: Model, values: FloatArray, most: int
+    ) -> Fit | None:
+        rows = self.motion.cut(parts, duration)
+        return self.fit(model, rows, model.pack(values), most, _PASSING)
 
     def fit_once(self, rows: Sequence[slice], most: int) -> Fit | None:
         """Return the fit over these rows as they are, from the values of `start`."""
@@ -173,3 +201,7 @@ class Stages:
         shortest = max(_FIRST * self.period, 2 * MIN_ROWS * self._interval)
         stages = max(0, math.floor(math.log2(longest / shortest))) if longest > shortest else 0
         return [longest / 2**k for k in range(stages, -1, -1)]
+
+
+def _rms(fit: Fit | None) -> float:
+    return math.inf if fit is None else fit.solution.rms
