@@ -288,6 +288,26 @@ def test_the_period_of_a_swing_does_not_depend_on_resolution_noise_or_its_end(
     assert found == pytest.approx(theory.pendulum_period(amplitude, 0.8), rel=within)
 
 
+@pytest.mark.parametrize(("rate", "digits", "missing"), [(60, 2, 0), (60, 2, 9), (30, 2, 9),
+                                                         (240, 3, 9), (240, 2, 0)])  # fmt: skip
+def test_times_that_are_rounded_become_evenly_spaced_again(rate, digits, missing):
+    times = np.delete(np.arange(0.0, 12.0, 1.0 / rate) + 0.37, range(200, 200 + missing))
+    theta = simulate(Chain([0.5], [0.29], damping=0.001), 0.6, 0.0, times).theta
+    with pytest.warns(UserWarning, match=f"evenly spaced, {1e3 / rate:.4g} ms apart"):
+        motion = check_motion(np.round(times, digits), theta)
+    assert np.diff(motion.times) == pytest.approx(np.diff(times), rel=2e-3)
+    assert motion.period() == pytest.approx(theory.pendulum_period(0.6, 0.29), rel=0.06)
+
+
+def test_jitter_that_is_real_is_kept_and_misleads_no_period():
+    times = np.arange(0.0, 30.0, 1.0 / 60.0)
+    times += np.random.default_rng(0).uniform(-0.007, 0.007, times.size)
+    theta = simulate(Chain([0.5], [0.29], damping=0.001), 0.6, 0.0, times - times[0]).theta
+    motion = check_motion(np.round(times, 4), theta)
+    assert motion.times == pytest.approx(times, abs=6e-5)
+    assert motion.period() == pytest.approx(theory.pendulum_period(0.6, 0.29), rel=0.06)
+
+
 def test_the_period_of_a_link_that_turns_over_does_not_grow_with_the_recording():
     for duration in (30.0, 40.0):
         times = np.arange(0.0, duration, 0.05)

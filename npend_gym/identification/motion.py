@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -19,6 +19,8 @@ MAX_ROWS = 2_000_000
 _GAP = 10.0  # times the median interval: the rows after a longer one begin a new stretch
 _AT_REST = 0.25  # times the mean deviation in the other half of the rows: less is no motion
 _STEADY = 0.25  # of the speed: a larger change of it is noise, or the rows are too far apart
+_BACK = 0.7  # of the farthest move in any time: a link that moved less in a longer one came back
+_COARSE = 0.02  # of the interval: times that are rounded to less are as good as exact
 MAX_DEVIATION = math.pi  # rad; those of a link that turns over grow with the recording
 _LIKELY = 8.0 * math.pi  # rad; larger angles are likely to be degrees
 _PASSED = 0.25  # of the scatter of an angle: what it moves beyond hanging when it has passed there
@@ -161,12 +163,16 @@ def _speed(times: FloatArray, theta: FloatArray) -> float:
 
     Between neighbours noise, and the resolution of an encoder, may be more than the motion.
     """
-    least, found, nearest = math.inf, 0.0, 0.0
+    least, found, farthest = math.inf, 0.0, 0.0
     for lag in 2 ** np.arange(max(1, int(np.log2(theta.size / 4)))):
-        rates = (theta[lag:] - theta[:-lag]) / (times[lag:] - times[:-lag])
+        moved = theta[lag:] - theta[:-lag]
+        far = float(np.median(np.abs(moved)))
+        if far < _BACK * farthest:  # rows that are whole periods apart
+            break
+        farthest = max(far, farthest)
+        rates = moved / (times[lag:] - times[:-lag])
         speed = float(np.median(np.abs(rates)))
-        nearest = speed if lag == 1 else nearest
-        if speed == 0.0 or speed * lag < nearest:  # rows that are whole periods apart
+        if speed == 0.0:
             continue
         change = float(np.abs(rates[lag:] - rates[:-lag]).mean()) / speed
         if change < least:
@@ -228,6 +234,7 @@ def check_motion(
             )
         torques = np.hstack([torques, np.zeros((rows, n - 1))])
     motion = Motion(instants, angles, torques, _check_pieces(piece, rows))
+    motion = _evenly_spaced(motion)
     _check_order(motion)
     used = {rows.start for rows in motion.stretches()}
     if not used:
@@ -275,6 +282,41 @@ def _check_pieces(piece: ArrayLike | None, rows: int) -> NDArray[np.int64]:
     if np.unique(labels[starts]).size < starts.size:
         raise ValueError("piece must number recordings whose rows stand together, got them mixed")
     return labels.astype(np.int64)
+
+
+def _evenly_spaced(motion: Motion) -> Motion:
+    """Return the motion with the even intervals from which its times were rounded, if they were.
+
+    A film has 60 frames a second and times with two decimals: they are wrong by up to 5 ms.
+    """
+    times, intervals = motion.times.copy(), list[float]()
+    for rows in motion.pieces():
+        own = times[rows]
+        unit = next((u for u in (1.0, 0.1, 0.01, 1e-3, 1e-4) if _is_multiple(own, u)), 0.0)
+        steps = np.diff(own)
+        if own.size < MIN_ROWS or unit == 0.0 or np.any(steps < 0.0) or np.ptp(steps) < 0.5 * unit:
+            continue
+        mean = float(own[-1] - own[0]) / (own.size - 1)
+        typical = float(np.mean(steps[steps <= np.median(steps) + 1.5 * unit]))
+        for frames in (np.arange(own.size), np.cumsum(np.rint(np.r_[0.0, steps] / typical))):
+            interval, first = np.polyfit(frames, own, 1) if mean > 0.0 else (0.0, 0.0)
+            even = first + interval * frames
+            away = np.max(np.abs(even - own)) / unit
+            if 0.1 < away < 0.55 and np.all(np.diff(frames) > 0.0) and unit > _COARSE * interval:
+                times[rows] = even
+                intervals.append(float(interval))
+                break
+    if not intervals:
+        return motion
+    warn_caller(
+        "times are rounded: rows are taken as evenly spaced, "
+        f"{1e3 * float(np.median(intervals)):.4g} ms apart; give times with more decimals"
+    )
+    return replace(motion, times=times)
+
+
+def _is_multiple(times: FloatArray, unit: float) -> bool:
+    return bool(np.all(np.abs(times / unit - np.rint(times / unit)) < 1e-6))
 
 
 def _check_order(motion: Motion) -> None:
