@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_identification import DATA, TRUE, recorded
 
-from npend_gym import Cart, Chain, simulate, theory
+from npend_gym import Cart, Chain, identify, simulate, theory
 from npend_gym.cli import main
 from npend_gym.identification import Identification, read_motion
 from npend_gym.identification.fit import Problem, _hold_out
@@ -293,10 +293,10 @@ def test_the_period_of_a_swing_does_not_depend_on_resolution_noise_or_its_end(
 def test_times_that_are_rounded_become_evenly_spaced_again(rate, digits, missing):
     times = np.delete(np.arange(0.0, 12.0, 1.0 / rate) + 0.37, range(200, 200 + missing))
     theta = simulate(Chain([0.5], [0.29], damping=0.001), 0.6, 0.0, times).theta
-    with pytest.warns(UserWarning, match=f"evenly spaced, {1e3 / rate:.4g} ms apart"):
+    with pytest.warns(UserWarning, match="times are rounded: rows are taken as evenly spaced"):
         motion = check_motion(np.round(times, digits), theta)
     assert np.diff(motion.times) == pytest.approx(np.diff(times), rel=2e-3)
-    assert motion.period() == pytest.approx(theory.pendulum_period(0.6, 0.29), rel=0.06)
+    assert motion.period() == pytest.approx(check_motion(times, theta).period(), rel=0.02)
 
 
 def test_jitter_that_is_real_is_kept_and_misleads_no_period():
@@ -361,6 +361,16 @@ def test_times_and_lengths_in_other_units_are_refused(unit, arguments, motion_fi
     error = refusal("identify", motion_file("time,theta0\n" + swings), *arguments.split())
     assert "times must be in seconds, and lengths and centres in metres" in error
     assert "are these milliseconds, centimetres or millimetres?" in error
+
+
+def test_frame_numbers_and_repeated_times_are_said_to_be_so(motion_file, refusal):
+    theta = [f"{np.sin(0.02 * k):.6f}" for k in range(400)]
+    frames = "".join(f"{k},{angle}\n" for k, angle in enumerate(theta))
+    error = refusal("identify", motion_file("time,theta0\n" + frames), "--lengths", "0.3")
+    assert "are these frame numbers? Divide them by the frames a second" in error
+    twice = "".join(f"{0.017 * (k - (k == 9))},{angle}\n" for k, angle in enumerate(theta))
+    error = refusal("identify", motion_file("time,theta0\n" + twice), "--lengths", "0.3")
+    assert "0.136 s in row 9 after 0.136 s: a row that stands twice is left out" in error
 
 
 def test_lengths_in_millimetres_or_centimetres_bring_a_warning_before_the_fit():
@@ -452,6 +462,24 @@ def test_what_no_pendulum_can_be_ends_with_an_error_and_the_way_out(
     assert message in shown.err.splitlines()[-1]
     assert shown.out == ""
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("slower", [4.0, 8.0])
+@pytest.mark.parametrize("chain", [ONE, Chain.rods([0.5], [0.5])])
+def test_a_film_in_slow_motion_brings_a_warning_with_its_factor(chain, slower):
+    times = np.arange(0.0, 10.0, 0.02)
+    theta = simulate(chain, 0.6, 0.0, times).theta
+    with pytest.warns(UserWarning, match=f"are times {slower:.0f} times too slow, as of a film"):
+        identify(slower * times, theta, chain=chain, fit=["inertia", "damping"])
+
+
+@pytest.mark.long
+def test_two_links_in_slow_motion_fit_better_with_times_in_seconds():
+    times = np.arange(0.0, 8.0, 0.02)
+    theta = simulate(TWO, [0.3, 0.6], 0.0, times).theta
+    with pytest.raises(ValueError, match="times better if they were 4 times as short: a film in"):
+        identify(4.0 * times, theta, chain=TWO, fit=["inertia", "lift"])
 
 
 @pytest.mark.long

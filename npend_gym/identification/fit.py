@@ -84,7 +84,8 @@ def identify(
     ValueError, TypeError
         If an argument breaks its rule, or free swings are 100 times as slow or as fast as those of
         the given chain: times in milliseconds are refused. If the angles fit much better as
-        degrees, angles of joints, angles from upright, or angular velocities.
+        degrees, angles of joints, angles from upright, or angular velocities, or with shorter
+        times: those of a film in slow motion.
     RuntimeError
         If no chain with the given lengths moves like the data, or the fitted one is no pendulum:
         centres ten lengths from their joint, ten times the given mass, or a period ten times that
@@ -96,7 +97,8 @@ def identify(
         If the angles are likely to be degrees, or lengths centimetres or millimetres. If a piece
         has no 20 rows without a gap, or there is no segment to hold out. If the fitted chain moves
         otherwise than the data, or few segments with lasting errors determine many values. If a
-        fitted value is unlikely for a pendulum in air.
+        fitted value is unlikely for a pendulum in air, or for times in seconds. If times were
+        rounded: they are taken as evenly spaced.
 
     Notes
     -----

@@ -324,9 +324,12 @@ def _check_order(motion: Motion) -> None:
     wrong = np.flatnonzero(same & (np.diff(motion.times) <= 0.0))
     if wrong.size:
         row = int(wrong[0]) + 1
+        repeated = motion.times[row] == motion.times[row - 1]
+        way = "a row that stands twice is left out, rounded times need more decimals"
         raise ValueError(
             f"times must increase within a piece, got {motion.times[row]:g} s in row {row} after "
-            f"{motion.times[row - 1]:g} s: sort the rows, and number recordings in piece"
+            f"{motion.times[row - 1]:g} s: "
+            + (way if repeated else "sort the rows, and number recordings in piece")
         )
 
 

@@ -30,6 +30,7 @@ _LEAST_DEGREES = 2.0  # the largest angle of a swing that is measured in degrees
 _BETTER, _RATES_BETTER = 1.5, 5.0
 _AIR = 1.2  # kg/m^3, its density
 _OUTSIDE, _FAR = 2.0, 10.0  # lengths of a link, between its joint and its centre
+_TOO_LARGE = 2.0  # times the inertia that the given masses can have in a link of its length
 _HEAVIER = 10.0  # times the given mass of a link
 _CHECK = (
     "check lengths, centres, masses and times, which must be in m, kg and s, the signs and the "
@@ -58,13 +59,33 @@ _ADDED_UP = (
     "identify"
 )
 _INTEGRATE = 'integrate them with scipy.integrate.cumulative_trapezoid, and fit "offset" too'
-# How angles become absolute ones, of how many links at least, and what they are then
-_READINGS: list[tuple[Callable[[Motion], FloatArray], int, str]] = [
-    (lambda motion: np.cumsum(motion.theta, axis=1), 2, f"relative to the link above: {_ADD_UP}"),
-    (lambda motion: np.diff(motion.theta, axis=1, prepend=0.0), 2, _ADDED_UP),
-    (lambda motion: motion.theta + np.pi, 1, "from where it stands upright: add np.pi to them"),
-    (_radians, 1, f"degrees: {RADIANS}"),
-    (_integrated, 1, f"angular velocities, as a gyroscope measures: {_INTEGRATE}"),
+_ANGLES = "theta must be absolute angles from where a link hangs [rad]"
+_TIMES = "times must be in seconds"
+_SLOW_MOTIONS = 2.0, 4.0, 8.0  # frames a second of a film, of those with which it is shown
+
+
+def _angles(convert: Callable[[Motion], FloatArray]) -> Callable[[Motion], Motion]:
+    return lambda motion: replace(motion, theta=convert(motion))
+
+
+def _faster(factor: float) -> Callable[[Motion], Motion]:
+    return lambda motion: replace(motion, times=motion.times / factor)
+
+
+# Other motions that may be meant, of how many links at least, what is wrong then, and the way out;
+# one link moves alike at any speed
+_READINGS: list[tuple[Callable[[Motion], Motion], int, str, str]] = [
+    (_angles(lambda motion: np.cumsum(motion.theta, axis=1)), 2, _ANGLES,
+     f"relative to the link above: {_ADD_UP}"),
+    (_angles(lambda motion: np.diff(motion.theta, axis=1, prepend=0.0)), 2, _ANGLES, _ADDED_UP),
+    (_angles(lambda motion: motion.theta + np.pi), 1, _ANGLES,
+     "from where it stands upright: add np.pi to them"),
+    (_angles(_radians), 1, _ANGLES, f"degrees: {RADIANS}"),
+    (_angles(_integrated), 1, _ANGLES,
+     f"angular velocities, as a gyroscope measures: {_INTEGRATE}"),
+    *((_faster(factor), 2, _TIMES,
+       f"{factor:.0f} times as short: a film in slow motion is shown so much too slowly")
+      for factor in _SLOW_MOTIONS),
 ]  # fmt: skip
 
 
@@ -83,6 +104,11 @@ def check_units(chain: Chain, motion: Motion) -> None:
         f"period of about {measured:.2g} s, those of a chain like the one given with one of about "
         f"{expected:.2g} s; are these milliseconds, centimetres or millimetres?"
     )
+    if np.all(np.diff(motion.times) == 1.0) and motion.times[0] in (0.0, 1.0):
+        text = (
+            "times must be in seconds, but the rows have 0, 1, 2, ...: are these frame numbers? "
+            "Divide them by the frames a second, or give --fps of npend identify"
+        )
     if max(factor, 1.0 / factor) > _IMPOSSIBLE:
         raise ValueError(text)
     warn_caller(text)
@@ -134,29 +160,25 @@ def check_readings(motion: Motion, model: Model, rows: Sequence[slice], error: f
     """
     largest = float(np.abs(motion.theta).max())
     own = _spread(motion)
-    tried: list[tuple[float, float, str]] = []
-    for convert, links, meaning in _READINGS:
-        if motion.links < links or (convert is _radians and largest < _LEAST_DEGREES):
+    tried: list[tuple[float, float, str, str]] = []
+    for convert, links, rule, meaning in _READINGS:
+        if motion.links < links or (meaning.startswith("degrees") and largest < _LEAST_DEGREES):
             continue
-        other = replace(motion, theta=convert(motion))
+        if rule == _TIMES and motion.driven:  # motors may move a chain as slowly as they like
+            continue
+        other, is_rate = convert(motion), meaning.startswith("angular")
         free = model.free.copy()
-        free[OFFSET] |= convert is _integrated and model.chain.gravity > 0.0
+        free[OFFSET] |= is_rate and model.chain.gravity > 0.0
         with suppress(RuntimeError, ValueError, np.linalg.LinAlgError):
             fit = Stages(other, replace(model, free=free)).fit_once(rows, _ROUGHLY)
             if fit is not None and not fit.may_be_lost:  # a lost fit explains nothing
-                size = _spread(other) / own  # angles of other units vary by less
-                tried.append((
-                    fit.rmse / min(size, 1.0),
-                    _RATES_BETTER if convert is _integrated else _BETTER,
-                    meaning,
-                ))  # fmt: skip
-    best, factor, meaning = min(tried, default=(math.inf, 1.0, ""))
+                size = min(_spread(other) / own, 1.0)  # angles of other units vary by less
+                better = _RATES_BETTER if is_rate else _BETTER
+                tried.append((fit.rmse / size, better, rule, meaning))
+    best, factor, rule, meaning = min(tried, default=(math.inf, 1.0, "", ""))
     if best * factor < error and best < _NOTHING * own:
         better = f"{error / best:.1f} times better" if math.isfinite(error) else "better"
-        raise ValueError(
-            "theta must be absolute angles from where a link hangs [rad], but those given fit "
-            f"{better} if they were {meaning}"
-        )
+        raise ValueError(f"{rule}, but those given fit {better} if they were {meaning}")
 
 
 def _spread(motion: Motion) -> float:
@@ -212,6 +234,14 @@ def check_values(found: Chain, given: Chain, motion: Motion, *, weighed: bool) -
         for link, drag in enumerate(found.quadratic_drag.tolist())
         if drag > (most := _AIR * found.total_length**2)
     ]
+    slower = math.sqrt(float(values_of(found)[INERTIA, 0] / values_of(given)[INERTIA, 0]))
+    most = float(given.masses.sum() * given.lengths[0] ** 2)
+    if not motion.driven and weighed and values_of(found)[INERTIA, 0] > _TOO_LARGE * most:
+        warn_caller(
+            f"inertia0 = {values_of(found)[INERTIA, 0]:.3g} kg m^2 is more than the given masses "
+            f"have within the length of link 0, {most:.3g} kg m^2: are times {slower:.2g} times "
+            "too slow, as of a film in slow motion? Divide them by that; or check lengths and centres"
+        )
     unlikely += [
         f"centres[{k}] = {found.centres[k]:.3g} m, more than two lengths of the link from its joint"
         for k, far in enumerate(away)
