@@ -240,7 +240,7 @@ def check_values(found: Chain, given: Chain, motion: Motion, *, weighed: bool) -
         warn_caller(
             f"inertia0 = {values_of(found)[INERTIA, 0]:.3g} kg m^2 is more than the given masses "
             f"have within the length of link 0, {most:.3g} kg m^2: are times {slower:.2g} times "
-            "too slow, as of a film in slow motion? Divide them by that; or check lengths and centres"
+            "too slow, as of a film in slow motion? Divide them by that, or check the lengths"
         )
     unlikely += [
         f"centres[{k}] = {found.centres[k]:.3g} m, more than two lengths of the link from its joint"
