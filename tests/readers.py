@@ -199,6 +199,13 @@ def _motion(folder: Path) -> dict[str, Reader]:
     seeds = ["\n".join(["time,theta0,theta1,tau0,piece", *rows]).encode()]
     rows = [f"{0.01 * k:.2f},{np.sin(k):.4f}" for k in range(25)]
     seeds.append("\r\n".join(["\ufefftime, theta0", *rows]).encode())
+    rows = [row.replace(",", "\t").replace(".", ",") + "\t0,5" for row in rows]
+    seeds.append("\n".join(["\tmass A", "t\tx\ty\t", *rows]).encode())
+    cells = "</ColumnCells></DataColumn><DataColumn><DataObjectName>Angle</DataObjectName>"
+    times, angles = ("\n".join(f"{f(k):.3f}" for k in range(25)) for f in (float, np.sin))
+    seeds.append(f"<Document><DataSet><DataColumn><DataObjectName>Time</DataObjectName><ColumnCells>"
+                 f"{times}{cells}<ColumnCells>{angles}</ColumnCells></DataColumn></DataSet>"
+                 "</Document>".encode())  # fmt: skip
     return {"motion": Reader(path, lambda: read_motion(path), mutations.of_lines, FILES, seeds)}
 
 

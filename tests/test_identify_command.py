@@ -144,7 +144,7 @@ def test_of_a_chain_that_no_fit_takes_the_columns_that_are_not_read_are_named(
     [
         ({"columns": {"q1": "theta0"}}, ValueError, "columns"),
         ({"columns": {"theta0": "q1", "theta1": "q1"}}, ValueError, "columns"),
-        ({"columns": {"time": "theta0"}}, ValueError, "column theta0, got 'time, theta0 as time'"),
+        ({"columns": {"time": "theta0"}}, ValueError, "column theta0, or angles, positions x and"),
         ({"columns": {"time": 3}}, TypeError, "columns"),
         ({"columns": "t"}, TypeError, "columns"),
         ({"degrees": "no"}, TypeError, "degrees must be True or False, got 'no'"),
@@ -171,11 +171,14 @@ def test_the_pieces_of_several_files_are_numbered_on(motion_file):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time,angle\n0,1\n", "must have the column theta0, got 'time, angle'"),
-        ("t,theta0\n0,1\n", "must have the column time"),
+        (
+            "time,height\n0,1\n",
+            "must have the column theta0, or angles, positions x and y, or rates",
+        ),
+        ("s,theta0\n0,1\n", "must have the column time, got 's, theta0': its first line"),
         ("", "must have the column time"),
-        ("sep=,\ntime,theta0\n" + GOOD, "must have the column time, got 'sep=, ': its first line"),
-        ("# my rig\ntime,theta0\n" + GOOD, "must have the column time, got '# my rig': its first"),
+        ("sep=,\ntime,height\n" + GOOD, "must have the column theta0, or angles, positions"),
+        ("# my rig\ntime,height\n" + GOOD, "must have the column theta0, or angles, positions"),
         ("time,theta0,theta2\n0,1,1\n", "must number columns from 0 on without a gap"),
         ("time,theta0,tau0,tau1\n0,1,1,1\n", "must have an angle for each torque"),
         ("time,theta0,theta0\n0,1,1\n", "must name each column once"),
@@ -189,7 +192,7 @@ def test_the_pieces_of_several_files_are_numbered_on(motion_file):
         ("time,theta0\n0,1.2 rad\n", "line 2: theta0 must be a number, got '1.2 rad'"),
         ("time,theta0\n0,1,2\n", "line 2: 2 cells are needed, got 3"),
         ("time,theta0,piece\n" + GOOD.replace("\n", ",0.5\n"), "piece must be 60 integers"),
-        ("time;theta0\n0,02;0,69\n", "must have commas between its columns, and points in its num"),
+        ("time;theta0\n0,02;0.69 rad\n", "must be a table: lines with equally many numbers"),
         ("time,theta0\n0,1_0.0\n", "line 2: theta0 must be a number, got '1_0.0'"),
         ("time,theta0\n" + GOOD.replace(",", ";"), "line 2: 2 cells are needed, got 1"),
     ],

@@ -11,6 +11,7 @@ Examples
   npend identify examples/data/multiarm_double.csv --chain "multiarm 2"
   npend identify first.csv second.csv --chain robot.json --segment 1 --json
   npend identify encoders.csv --lengths 0.2,0.3 --degrees --relative
+  npend identify markers.txt --fps 400 --chain pendulum.json
   npend identify log.csv --lengths 0.2,0.3 --columns "time=t [s],theta0=q1,theta1=q2,tau0=motor"
 """
 
@@ -27,16 +28,19 @@ from npend_gym.cli.common import (
     finishing,
     prepare_results,
     show_written,
+    warn,
 )
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from npend_gym._checks import FloatArray
     from npend_gym.chain import Chain
+    from npend_gym.identification import Motion
 
 FILLS = {
     "npend_gym.identification.fit:identify": ("fit", "segment", "held_out"),
-    "npend_gym.identification.recordings:read_motion": ("columns", "degrees", "relative"),
+    "npend_gym.identification.recordings:read_motion": ("columns", "degrees", "relative", "fps"),
 }
 
 
@@ -51,6 +55,7 @@ def run(
     columns: Mapping[str, str] | None = None,
     degrees: bool = False,
     relative: bool = False,
+    fps: float | None = None,
     as_json: bool = False,
     out: Path | None = None,
     **chosen: Any,
@@ -60,7 +65,7 @@ def run(
     Parameters
     ----------
     files : file
-        Recordings, CSV files.
+        Recordings: CSV files, and exports of programs for measurements.
     chain : Chain, optional
         The known chain, in place of the next four options: a preset's name or a JSON file.
     lengths : array_like, optional
@@ -76,20 +81,20 @@ def run(
     out : folder, optional
         Write fit.json (the chain), identification.json, residuals.csv and figures there.
     """
-    from npend_gym.identification import read_motion
     from npend_gym.identification.fit import Problem
     from npend_gym.report import identification_report as report
 
     single = {"lengths": lengths, "masses": masses, "centres": centres, "gravity": gravity}
     single = {name: value for name, value in single.items() if value is not None}
-    try:
-        motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
-    except OSError as error:
-        raise ValueError(
-            f"files must be CSV files: {error.filename} cannot be read: {error.strerror}"
-        ) from error
+    motion, shown = read_files(
+        "npend identify", files, columns=columns, degrees=degrees, relative=relative, fps=fps
+    )
     if chain is None and lengths is None:
-        raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
+        seen = "" if shown is None else ",".join(f"{length:.4g}" for length in shown.tolist())
+        ratio = f"; positions show {seen} in their unit" if seen else ""
+        raise ValueError(
+            f"--lengths or --chain must be given: angles do not determine lengths{ratio}"
+        )
     known: Any = {"masses": 1.0} | single if chain is None else chain
     problem = Problem(motion, known, **chosen)
     if out is not None:
@@ -106,3 +111,21 @@ def run(
             if not as_json:
                 show_written(written)
     return OK
+
+
+def read_files(command: str, files: Sequence[Path], **how: Any) -> tuple[Motion, FloatArray | None]:
+    """Return the motion in files, and lengths that positions show; say how files were understood.
+
+    `how` is that of `read_motion`.
+    """
+    from npend_gym.identification.recordings import read_recording
+
+    try:
+        read = read_recording(*files, **how)
+    except OSError as error:
+        raise ValueError(
+            f"files must be CSV files: {error.filename} cannot be read: {error.strerror}"
+        ) from error
+    for sentence in read.said:
+        warn(f"{command}: {sentence}. --columns, --degrees, --relative and --fps overrule this")
+    return read.motion, read.lengths

@@ -80,10 +80,13 @@ def angles(text: str) -> list[float]:
 
 
 def columns(text: str) -> dict[str, str]:
-    """Columns by name: "time=t,theta0=q1" reads the time from t, theta0 from q1."""
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    if not all(name and sign and column for name, sign, column in pairs):
-        raise argparse.ArgumentTypeError(f"must be like time=t,theta0=q1, got {text!r}")
+    """Columns by name, "time=t,theta0=q1"; a name with a comma stands in quotation marks."""
+    parts = re.findall(r'(?:"[^"]*"|[^,"])+|(?<=,)(?=,|$)|^$', text)
+    pairs = [part.replace('"', "").partition("=") for part in parts]
+    if text.count('"') % 2 or not all(name and sign and column for name, sign, column in pairs):
+        raise argparse.ArgumentTypeError(
+            f'must be like time=t,theta0=q1, names with a comma like theta0="q, left", got {text!r}'
+        )
     found = {name.strip(): column.strip() for name, _, column in pairs}
     if len(found) < len(pairs):
         raise argparse.ArgumentTypeError(f"must name each column of ours once, got {text!r}")

@@ -123,14 +123,14 @@ class Motion:
         for rows, link in product(self.stretches(), range(self.links)):
             times, theta = _moving(self.times[rows], self.theta[rows, link])
             turns[link] |= np.ptp(theta) > math.tau
-            passed = _passes(times, theta - math.tau * np.rint(np.median(theta) / math.tau))
+            passed = passes(times, theta - math.tau * np.rint(np.median(theta) / math.tau))
             if passed.size > 1:
                 spans[link] += passed[-1] - passed[0]
                 counts[link] += passed.size - 1
         return np.where((counts > 0) & ~turns, spans / np.maximum(counts, 1.0), np.nan)
 
 
-def _passes(times: FloatArray, theta: FloatArray) -> FloatArray:
+def passes(times: FloatArray, theta: FloatArray) -> FloatArray:
     """Return when an angle passes zero upwards [s]: on the way from well below to well above."""
     least = _PASSED * float(np.std(theta))
     side = np.where(theta > least, 1, np.where(theta < -least, -1, 0))

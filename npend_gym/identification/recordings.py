@@ -1,4 +1,4 @@
-"""Measured motion from CSV files."""
+"""Measured motion from files: our own CSV files, strictly, and those of other programs."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
 from os import PathLike
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.identification.conversion import understood
 from npend_gym.identification.motion import Motion, check_motion
+from npend_gym.identification.tables import read_table
 from npend_gym.physics.arguments import warn_caller
 
 _MAX_CELLS = 50_000_000
@@ -25,6 +27,18 @@ _QUOTES = "quotation marks must begin and end a cell within its line"
 # what `Trajectory.to_csv` writes of chains that no fit takes
 _NOT_HUNG = "position", "position_x", "stretch0"
 _NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
+_POSITIONS = re.compile(r"(x|y|omega)\d{1,9}", re.ASCII)
+
+
+class Recording(NamedTuple):
+    """Motions from files, the lengths of links [unit of the file] that positions show, and words.
+
+    `said` says how files of other programs were understood.
+    """
+
+    motion: Motion
+    lengths: FloatArray | None
+    said: list[str]
 
 
 def read_motion(
@@ -32,12 +46,18 @@ def read_motion(
     columns: Mapping[str, str] | None = None,
     degrees: bool = False,
     relative: bool = False,
+    fps: float | None = None,
 ) -> Motion:
-    """Read measured motion from CSV files.
+    """Read measured motion from CSV files, and from exports of programs for measurements.
 
     The first line names the columns: ``time`` [s], ``theta0``, ``theta1``, ... [rad] from the link
     at the pivot on; if wanted ``tau0``, ... [N m] and ``piece``, the number of the recording. The
     order of the columns does not matter, and others are not read.
+
+    Exports of Tracker, phyphox, Capstone, Logger Pro and Graphical Analysis are recognised, as are
+    recordings of RealAIGym, tables of blanks, and pixels of markers. Positions and rates become
+    angles. `npend identify` says how such a file was understood, docs/howto/recordings.md what is
+    recognised.
 
     Parameters
     ----------
@@ -45,11 +65,15 @@ def read_motion(
         One or several files of the same chain; their pieces are numbered on.
     columns : mapping of str to str, optional
         Names of columns in the files, where they differ from these, such as "q1" for "theta0".
+        It overrules what is recognised: columns are then taken as they stand. Positions of bobs are
+        "x0", "y0", ..., rates "omega0", ....
     degrees : bool
         The angles are in degrees.
     relative : bool
         Angles are relative: each link's from the direction of the link above. They become absolute
         ones, to which fitted offsets belong.
+    fps : float, optional
+        Frames in a second, where a file has their numbers, or rows alone, in place of times.
 
     Returns
     -------
@@ -72,10 +96,25 @@ def read_motion(
     >>> read_motion("motion.csv").theta[0].tolist()
     [0.5, 0.5]
     """
+    return read_recording(
+        *paths, columns=columns, degrees=degrees, relative=relative, fps=fps
+    ).motion
+
+
+def read_recording(
+    *paths: str | PathLike[str],
+    columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
+    relative: bool = False,
+    fps: float | None = None,
+) -> Recording:
+    """Read the same with how files were understood; see `read_motion`."""
     named = _check_columns(columns)
     degrees, relative = _checks.truth("degrees", degrees), _checks.truth("relative", relative)
+    fps = None if fps is None else _checks.positive_number("fps", fps)
     files = [_checks.path("each of paths", path) for path in paths]
-    motions = [_read_file(path, named, degrees, relative) for path in files]
+    recordings = [_read_any(path, named, degrees, relative, fps) for path in files]
+    motions = [one.motion for one in recordings]
     if not motions:
         raise ValueError("paths must name a file at least")
     first = motions[0]
@@ -94,12 +133,14 @@ def read_motion(
                 "angles"
             )
     torque = [one.torque for one in motions if one.torque is not None]
-    return Motion(
+    motion = Motion(
         np.concatenate([one.times for one in motions]),
         np.concatenate([one.theta for one in motions]),
         np.concatenate(torque) if torque else None,
         motions[0].piece if len(motions) == 1 else np.concatenate(piece),
     )
+    said = [sentence for one in recordings for sentence in one.said]
+    return Recording(motion, recordings[0].lengths, said)
 
 
 def _check_columns(columns: object) -> dict[str, str]:
@@ -110,9 +151,10 @@ def _check_columns(columns: object) -> dict[str, str]:
         )
     given = dict(cast("Mapping[Any, Any]", columns or {}))
     for name, column in given.items():
-        if not _is_read(str(name)):
+        if not _is_read(str(name)) and not _POSITIONS.fullmatch(str(name)):
             raise ValueError(
-                "columns must name time, theta0, theta1, ..., tau0, ... or piece, got "
+                "columns must name time, theta0, theta1, ..., tau0, ... or piece, or x0, y0, ... "
+                "or omega0, ..., got "
                 f"{_checks.show(name)}: what stands in the file comes after it"
             )
         if not isinstance(column, str):
@@ -124,6 +166,33 @@ def _check_columns(columns: object) -> dict[str, str]:
 
 def _is_read(name: str) -> bool:
     return name in ("time", "piece") or bool(_NUMBERED.fullmatch(name))
+
+
+def _read_any(
+    path: Path, columns: dict[str, str], degrees: bool, relative: bool, fps: float | None
+) -> Recording:
+    """Read a file of our own layout strictly, and another one by what stands in it."""
+    if fps is None and _is_ours(path, columns):
+        return Recording(_read_file(path, columns, degrees, relative), None, [])
+    try:
+        table = read_table(path)
+        given = {ours: name for name, ours in columns.items()}
+        read = understood(table, given, degrees=degrees, relative=relative, fps=fps)
+        motion = check_motion(read.times, read.theta, read.torque, read.piece)
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if str(path) in text else f"{path}: {text}") from error
+    return Recording(motion, read.lengths, [f"{path.name}: {'; '.join(read.said)}"])
+
+
+def _is_ours(path: Path, columns: dict[str, str]) -> bool:
+    """Return whether the first line has our names, or those given, between commas."""
+    if path.exists() and not path.is_file():  # a FIFO would wait for ever
+        raise ValueError(f"{path} is no file")
+    with path.open("rb") as file:
+        line = file.readline(100_000).decode("utf-8-sig", "replace")
+    names = {columns.get(name.strip(), name.strip()) for name in line.replace('"', "").split(",")}
+    return {"time", "theta0"} <= names
 
 
 def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
@@ -155,17 +224,10 @@ def _numbered(kind: str, table: dict[str, FloatArray], path: Path) -> list[Float
 
 def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
     """Return the columns by our names; those that are not read are empty."""
-    if path.exists() and not path.is_file():  # a FIFO would wait for ever
-        raise ValueError(f"{path} is no file")
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = _rows(file, path)
         try:
             header = [name.strip() for name in next(rows, (1, list[str]()))[1]]
-            if len(header) == 1 and re.search(r"[;\t]", header[0]):
-                raise ValueError(
-                    f"{path} must have commas between its columns, and points in its numbers, got "
-                    f"the line {_checks.show(header[0])}"
-                )
             names = _names(header, columns, path)
             for name in ("time", "theta0"):
                 if name not in names:
