@@ -222,7 +222,9 @@ def main() -> int:
             assert all(map(readers[name].attempt, readers[name].seeds)), name
         watch = Watch(options.corpus)
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message=r"theta reaches", category=UserWarning)
+        warnings.filterwarnings(
+            "ignore", message=r"theta reaches|times are rounded", category=UserWarning
+        )
         warnings.filterwarnings(
             "ignore", message=r".*does not say for which environment", category=UserWarning
         )

@@ -28,10 +28,10 @@ def readers(tmp_path_factory):
 
 @pytest.fixture
 def strict():
-    """Every warning is an error, but for the documented one about degrees."""
+    """Every warning is an error, but for the documented ones about degrees and times."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message="theta reaches")
+        warnings.filterwarnings("ignore", message="theta reaches|times are rounded")
         yield
 
 

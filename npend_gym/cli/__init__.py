@@ -31,8 +31,8 @@ from npend_gym.cli.common import (
 from npend_gym.cli.options import add_options, tree
 
 COMMANDS = (
-    "release", "simulate", "play", "campaign", "analyse", "chaos", "identify", "train", "evaluate",
-    "export", "examples", "verify", "compile",
+    "release", "simulate", "play", "campaign", "analyse", "chaos", "identify", "measure", "train",
+    "evaluate", "export", "examples", "verify", "compile",
 )  # fmt: skip
 _REPLACED = "lengths", "masses", "centres", "gravity", "damping"  # by --chain
 _EXAMPLES = """\
