@@ -21,6 +21,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._palette import BLACK, BLUE, FAINT, GREEN, ORANGE
 from npend_gym.envs import NPendulumEnv
 from npend_gym.report import panels, styled
+from npend_gym.report.swings_figure import swings_figure
 
 HERE = Path(__file__).parent / "images"
 
@@ -292,7 +293,23 @@ def class_experiment() -> Figure:
     return figure
 
 
+def swings() -> Figure:
+    """Draw the swings that the page measures, by the code of the page."""
+    page = (HERE.parent / "howto" / "measure_g.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names: dict[str, Any] = {"print": lambda *_: None}
+    before = Path.cwd()
+    with TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            exec(code, names)  # noqa: S102
+        finally:
+            os.chdir(before)
+    return swings_figure(names["found"])
+
+
 FIGURES = {
+    "swings": swings,
     "conventions": conventions,
     "tensions": tensions,
     "readings": readings,
