@@ -3,7 +3,10 @@
 Inertia and lift (mass times lever) of each link, and those of damping, friction and drag that the
 data support, are fitted to measured angles. Segments held out of the fit test the result. The CSV
 files have columns time [s], theta0, theta1, ... [rad, absolute, 0 where it hangs]. They may have
-tau0, ... [N m] and piece, the number of the recording. See docs/howto/real_pendulum.md.
+tau0, ... [N m] and piece, the number of the recording. Exports of Tracker, phyphox, Capstone,
+Logger Pro, RealAIGym and others are recognised. Columns that --columns names are taken as they
+stand; a name with a comma has quotation marks: 'theta0="angle, left"'. See
+docs/howto/real_pendulum.md.
 
 Examples
 --------

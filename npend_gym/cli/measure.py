@@ -66,8 +66,8 @@ def run(
 
                 figures["swings"] = lambda: swings_figure(found)
             columns_of = found.times.tolist(), found.amplitudes.tolist(), found.periods.tolist()
-            rows = [dict(zip(("time", "amplitude", "period"), row, strict=True))
-                    for row in zip(*columns_of, strict=True)]  # fmt: skip
+            rows = [{"time": time, "amplitude": size, "period": period}
+                    for time, size, period in zip(*columns_of, strict=True)]  # fmt: skip
             arguments = {k: v for k, v in chosen.items() if v is not None}
             written = outputs.write_results(
                 out, "measure", arguments, complete=True, records={"measure": found.as_dict()},

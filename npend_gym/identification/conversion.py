@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -88,7 +88,7 @@ def understood(
     pieces, count = list[FloatArray](), 0
     for part in parts:
         numbers = np.unique(part.piece, return_inverse=True)[1] + float(count)
-        pieces.append(numbers)
+        pieces.append(np.asarray(numbers, np.float64))
         count += int(numbers.max(initial=-1)) + 1 if numbers.size else 0
     said = [f"recognised as {table.source}", *dict.fromkeys(s for p in parts for s in p.said)]
     return Reading(
@@ -240,7 +240,7 @@ def _from_positions(
         else:
             pivot, how = _centre_of_circle(places[:, 0]), "the centre of the first marker's circle"
     joints = np.concatenate([np.broadcast_to(pivot, (len(places), 1, 2)), places], axis=1)
-    x, y = np.moveaxis(np.diff(joints, axis=1), 2, 0)
+    x, y = (np.diff(joints[:, :, k], axis=1) for k in (0, 1))
     down = not named or float(np.mean(y[:, 0] / np.hypot(x[:, 0], y[:, 0]))) > 0.5
     theta, lengths = np.arctan2(x, y if down else -y), np.median(np.hypot(x, y), axis=0)
     shown = ", ".join(f"{length:.4g}" for length in lengths.tolist())
@@ -256,8 +256,8 @@ def _centre_of_circle(places: FloatArray) -> FloatArray:
     middle = places.mean(axis=0)
     x, y = (places - middle).T
     matrix = np.column_stack([2.0 * x, 2.0 * y, np.ones_like(x)])
-    solved = np.linalg.lstsq(matrix, x**2 + y**2, rcond=None)[0]
-    return middle + solved[:2]
+    solved: Any = np.linalg.lstsq(matrix, x**2 + y**2, rcond=None)[0]
+    return middle + np.asarray(solved[:2], np.float64)
 
 
 def _from_rates(times: FloatArray, rates: FloatArray, said: list[str]) -> FloatArray:
@@ -271,7 +271,7 @@ def _from_rates(times: FloatArray, rates: FloatArray, said: list[str]) -> FloatA
         rates = (rates @ axis)[:, None]
         shown = ", ".join(f"{part:.2f}" for part in axis.tolist())
         said.append(f"the axis of the hinge is ({shown}) in the sensor")
-    theta = np.asarray(cumulative_trapezoid(rates, times, axis=0, initial=0.0))
+    theta: FloatArray = np.asarray(cumulative_trapezoid(rates, times, axis=0, initial=0))
     said.append("rates are integrated; a steady rate, and the mean angle, are taken as zero")
     for link in range(theta.shape[1]):
         turned = passes(times, rates[:, link] - rates[:, link].mean())
@@ -279,6 +279,6 @@ def _from_rates(times: FloatArray, rates: FloatArray, said: list[str]) -> FloatA
             whole = (times >= turned[0]) & (times <= turned[-1])
         else:
             whole = np.ones(times.size, np.bool_)
-        slope, middle = np.polyfit(times[whole], theta[whole, link], 1)
+        slope, middle = np.polyfit(times[whole], theta[whole, link], 1).tolist()
         theta[:, link] -= middle + slope * times
     return theta

@@ -54,10 +54,7 @@ def read_motion(
     at the pivot on; if wanted ``tau0``, ... [N m] and ``piece``, the number of the recording. The
     order of the columns does not matter, and others are not read.
 
-    Exports of Tracker, phyphox, Capstone, Logger Pro and Graphical Analysis are recognised, as are
-    recordings of RealAIGym, tables of blanks, and pixels of markers. Positions and rates become
-    angles. `npend identify` says how such a file was understood, docs/howto/recordings.md what is
-    recognised.
+    Exports of other programs are recognised by what stands in them; see the notes.
 
     Parameters
     ----------
@@ -86,6 +83,25 @@ def read_motion(
         two files have the same angles.
     OSError
         If a file cannot be read.
+
+    Notes
+    -----
+    What is read of files in other layouts, without an argument:
+
+    - Tracker: one or several tracks; x and y, or theta from the x axis, in degrees;
+    - phyphox: CSV or zip of the gyroscope; rates about the axis of the swing;
+    - Capstone: a time column for each run; rows of photogates are left out;
+    - Logger Pro, Graphical Analysis: ``.cmbl``, ``.gambl``, CSV;
+    - RealAIGym: torques, and angles of joints relative to the link above;
+    - tables with names after ``%`` or ``#``, as of Schmidt and Lipson;
+    - pixels of markers, x and y of each without names, y down; they need `fps`.
+
+    Tabs, commas, semicolons or blanks stand between columns, decimals may have commas. Rows with
+    empty cells are left out. Positions become angles: the pivot is the first marker if it rests, or
+    the origin, or the centre of the circle of the first bob. Rates are integrated; a steady rate
+    and the mean angle count as zero. `npend identify` prints how it understood a file, how many
+    rows it left out, and the lengths that positions show. Columns without names are called "1",
+    "2", ....
 
     Examples
     --------

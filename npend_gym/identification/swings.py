@@ -157,10 +157,10 @@ def measure_swings(
 
 def _swings_of(times: FloatArray, theta: FloatArray) -> tuple[FloatArray, ...]:
     """Return passages (S + 1,), and middle, amplitude, period and centre of each swing (S,)."""
-    centre = float(np.median(theta))
+    centre, passed, found = float(np.median(theta)), theta[:0], list[tuple[float, ...]]()
     for _ in range(3):  # the middle between turning points is that of the swings
         passed = passes(times, theta - centre)
-        found = list[tuple[float, float, float, float]]()
+        found.clear()
         for first, last in zip(passed[:-1].tolist(), passed[1:].tolist(), strict=True):
             inside = (times >= first) & (times <= last)
             if inside.sum() < 2 * len(_HARMONICS) + 3:
