@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -156,6 +156,8 @@ def _of_run(
     needed = [*chosen, *torques, *(by_role["y"] if role == "x" else ()), *by_role.get("piece", ())]
     cells = np.column_stack([times, *(one.column.values for one in needed)])
     full = np.all(np.isfinite(cells), axis=1)
+    if np.any(np.abs(cells[full]) > _checks.LARGEST):
+        raise ValueError(f"the file must have numbers of at most {_checks.LARGEST:g} in size")
     empty = int(np.sum(~full & np.isfinite(times)))
     if empty:
         said.append(f"{empty} of {np.isfinite(times).sum()} rows have empty cells and are left out")
@@ -253,11 +255,11 @@ def _from_positions(
 
 def _centre_of_circle(places: FloatArray) -> FloatArray:
     """Return the centre of the circle on which places (T, 2) lie, by linear least squares."""
-    middle = places.mean(axis=0)
-    x, y = (places - middle).T
-    matrix = np.column_stack([2.0 * x, 2.0 * y, np.ones_like(x)])
-    solved: Any = np.linalg.lstsq(matrix, x**2 + y**2, rcond=None)[0]
-    return middle + np.asarray(solved[:2], np.float64)
+    middle: FloatArray = np.asarray(places.mean(axis=0))
+    x, y = ((places - middle)[:, k] for k in (0, 1))
+    matrix: FloatArray = np.column_stack([2.0 * x, 2.0 * y, np.ones_like(x)])
+    squares: FloatArray = x**2 + y**2
+    return middle + np.linalg.lstsq(matrix, squares, rcond=None)[0][:2]
 
 
 def _from_rates(times: FloatArray, rates: FloatArray, said: list[str]) -> FloatArray:
