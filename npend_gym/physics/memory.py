@@ -18,10 +18,22 @@ from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.advance import MAX_PARTS
 from npend_gym.physics.kernels.laws import Friction
 from npend_gym.physics.kernels.layout import (
-    Member, Model, Rod, Timing, Turn, Turns, group_width, new_scratch,
+    Member,
+    Model,
+    Rod,
+    Timing,
+    Turn,
+    Turns,
+    group_width,
+    new_scratch,
 )  # fmt: skip
 from npend_gym.physics.kernels.link_terms import (
-    BASE_AT, Base, Link, Rotor, check_terms, model_terms,
+    BASE_AT,
+    Base,
+    Link,
+    Rotor,
+    check_terms,
+    model_terms,
 )  # fmt: skip
 from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure, write_chains
 from npend_gym.physics.substeps import chain_of, check_default
