@@ -84,6 +84,7 @@ KEYWORDS = {
     "observation": one_of("angles", "sincos", "scaled"),
     "reward_type": one_of("dense", "sparse"),
     "goal_env": one_of(False, True),
+    "measure_periods": one_of(None, False, True),
     "amplitude": one_of(0.0, -0.4, 2.5),
     "max_tilt": one_of(None, 0.4, 1.5),
     "spread": one_of(None, 0.0, 0.3),
