@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from npend_gym import Chain, Signal, identify, simulate, theory
+from npend_gym import Cart, Chain, Signal, identify, simulate, theory
 from npend_gym.identification import prediction_rmse, read_motion
 from npend_gym.identification.least_squares import solve
 from npend_gym.identification.motion import check_motion
@@ -327,6 +327,38 @@ def test_torques_of_a_fast_recording_count_beside_a_longer_slow_one():
     given = {"piece": np.repeat([0, 1], rows), "chain": Chain([1.0], [0.8]), "held_out": 0.0}
     found = identify(*data, fit=["inertia", "lift", "damping"], **given)
     assert found.values == pytest.approx(truth(found, true), rel=3e-3)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_chain_on_a_measured_cart_is_fitted_with_that_motion_given(n, tmp_path):
+    """The cart is heavy or light: its mass, and the force on it, do not matter."""
+    times, lengths = np.arange(0.0, 12.0, 0.01), [0.3, 0.25][:n]
+    push = Signal(times, 2.0 * np.sin(4.0 * times), "linear")
+    for mass in (0.5, 3.0):
+        true = Chain([0.2, 0.1][:n], lengths, damping=[2e-4, 1e-4][:n], base=Cart(mass))
+        moved = simulate(true, 0.3, 0.0, times, force=push)
+        position = moved.position + 1e-4 * np.random.default_rng(1).normal(size=times.size)
+        given = {"chain": Chain([0.2, 0.1][:n], lengths), "fit": ["inertia", "lift", "damping"]}
+        found = identify(times, noisy(moved.theta), position=position, **given)
+        hung = Chain(true.masses, true.lengths, damping=true.damping)
+        assert np.abs(deviations(found, hung)).max() < 4.0
+        assert np.all(found.standard_errors[:n] < 1e-3 * found.values[:n])
+        assert found.held_out_rmse == pytest.approx(NOISE, rel=0.15)
+        rmse = prediction_rmse(times, noisy(moved.theta), chain=hung, position=position)
+        assert rmse == pytest.approx(NOISE, rel=0.15)
+    rows = np.column_stack([times, moved.theta, position])
+    names = ["time", *(f"theta{k}" for k in range(n)), "position"]
+    np.savetxt(tmp_path / "cart.csv", rows, delimiter=",", header=",".join(names), comments="")
+    read = read_motion(tmp_path / "cart.csv")
+    expected = np.gradient(np.gradient(moved.position, times), times)[20:-20]
+    assert read.acceleration[20:-20] == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
+
+
+def test_positions_of_another_number_are_refused():
+    times = np.arange(40) / 40.0
+    for position, message in ((np.zeros(3), "a number for each of the 40"), (np.nan, "be finite")):
+        with pytest.raises(ValueError, match=f"position must .*{message}|position must {message}"):
+            identify(times, np.sin(9.0 * times), chain=Chain(1.0, 1.0), position=position)
 
 
 def test_a_swing_that_dies_out_long_before_the_end_is_fitted():

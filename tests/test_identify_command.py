@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_identification import DATA, TRUE, recorded
 
-from npend_gym import Cart, Chain, identify, simulate, theory
+from npend_gym import Chain, identify, simulate, theory
 from npend_gym.cli import main
 from npend_gym.identification import Identification, read_motion
 from npend_gym.identification.fit import Problem, _hold_out
@@ -124,7 +124,6 @@ def test_columns_of_other_names_are_read_by_those_names(motion_file, capsys):
 @pytest.mark.parametrize(
     ("more", "drive", "column"),
     [
-        ({"base": Cart(1.0)}, {}, "position"),
         ({"stiffness": 900.0}, {}, "stretch0"),
         ({}, {"pivot_acceleration": [0.1, 0.0]}, "position_x"),
     ],

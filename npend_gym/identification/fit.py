@@ -14,6 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain, check_hung
 from npend_gym.identification.motion import MIN_ROWS, Motion, check_motion
+from npend_gym.identification.moving_pivot import with_position
 from npend_gym.identification.parameters import INERTIA, LIFT, OFFSET, new_model
 from npend_gym.identification.plausibility import (
     check_explained,
@@ -43,6 +44,7 @@ def identify(
     fit: Sequence[str] | None = None,
     segment: float | None = None,
     held_out: float = 0.25,
+    position: ArrayLike | None = None,
 ) -> Identification:
     """Fit the parameters of a chain to measured angles, without measured velocities.
 
@@ -74,6 +76,8 @@ def identify(
     held_out : float
         Share of the segments, 0 to 0.5, that are not fitted, and judge the fit; they are evenly
         spaced. A single segment is fitted.
+    position : array_like, shape (T,), optional
+        Of a pivot, or a cart, that was moved sideways: its measured positions [m], at `times`.
 
     Returns
     -------
@@ -122,7 +126,7 @@ def identify(
     >>> round(float(found.chain.damping[0]), 3)
     0.05
     """
-    motion = check_motion(times, theta, torque, piece)
+    motion = with_position(check_motion(times, theta, torque, piece), position)
     return Problem(motion, chain, fit, segment, held_out).solve()
 
 
@@ -134,6 +138,7 @@ def prediction_rmse(
     chain: Chain | Mapping[str, Any] | str,
     piece: ArrayLike | None = None,
     segment: float | None = None,
+    position: ArrayLike | None = None,
 ) -> float:
     """Return the root mean square error with which a chain predicts measured angles [rad].
 
@@ -141,7 +146,7 @@ def prediction_rmse(
 
     Parameters
     ----------
-    times, theta, torque, piece, segment
+    times, theta, torque, piece, segment, position
         As for `identify`.
     chain : Chain, dict or str
         The chain; nothing of it is fitted.
@@ -167,7 +172,8 @@ def prediction_rmse(
     >>> prediction_rmse(times, theta, chain=chain) < 1e-3
     True
     """
-    problem = Problem(check_motion(times, theta, torque, piece), chain, segment=segment)
+    motion = with_position(check_motion(times, theta, torque, piece), position)
+    problem = Problem(motion, chain, segment=segment)
     fit = problem.stages.judge(problem.stages.model.known, problem.blocks())
     return math.inf if fit is None else fit.rmse
 
@@ -309,10 +315,7 @@ class Problem:
     def _lengthen(
         self, training: Sequence[slice], values: FloatArray | None = None
     ) -> tuple[Fit, float]:
-        """Return the fit over the longest segments that are possible, and their duration [s].
-
-        It begins with `values` (9, n), or those of regressions.
-        """
+        """Return the fit over the longest segments that are possible, and their duration [s]."""
         stages = self.stages
         try:
             values = stages.start(training) if values is None else values

@@ -12,15 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.identification.instants import MIN_ROWS, evenly_spaced
 from npend_gym.physics.arguments import warn_caller
 
-MIN_ROWS = 20  # in a stretch that is used: fewer rows say nothing beside their own first state
 MAX_ROWS = 2_000_000
 _GAP = 10.0  # times the median interval: the rows after a longer one begin a new stretch
 _AT_REST = 0.25  # times the mean deviation in the other half of the rows: less is no motion
 _STEADY = 0.25  # of the speed: a larger change of it is noise, or the rows are too far apart
 _BACK = 0.7  # of the farthest move in any time: a link that moved less in a longer one came back
-_COARSE = 0.02  # of the interval: times that are rounded to less are as good as exact
 MAX_DEVIATION = math.pi  # rad; those of a link that turns over grow with the recording
 _LIKELY = 8.0 * math.pi  # rad; larger angles are likely to be degrees
 _PASSED = 0.25  # of the scatter of an angle: what it moves beyond hanging when it has passed there
@@ -41,12 +40,15 @@ class Motion:
         Torque at each joint [N m]; None for free swings.
     piece : ndarray, int64, shape (T,)
         Which recording each row is from; the rows of one stand together.
+    acceleration : ndarray, shape (T,), or None
+        Sideways acceleration of the pivot [m/s^2]; None where it rests.
     """
 
     times: FloatArray
     theta: FloatArray
     torque: FloatArray | None
     piece: NDArray[np.int64]
+    acceleration: FloatArray | None = None
 
     @property
     def links(self) -> int:
@@ -57,6 +59,11 @@ class Motion:
     def driven(self) -> bool:
         """Whether torques act."""
         return self.torque is not None and bool(np.any(self.torque))
+
+    @property
+    def forced(self) -> bool:
+        """Whether torques act, or the pivot moves."""
+        return self.driven or self.acceleration is not None
 
     def stretches(self) -> list[slice]:
         """Return the rows of each stretch: a piece, or a part of it between two gaps.
@@ -217,7 +224,7 @@ def check_motion(
         If the angles are so large that they are likely to be degrees, or a piece is left out: it
         has no 20 rows without a gap.
     """
-    instants = _finite("times", times)
+    instants = checked_finite("times", times)
     if instants.ndim != 1 or not MIN_ROWS <= instants.size <= MAX_ROWS:
         raise ValueError(
             f"times must hold {MIN_ROWS} to {MAX_ROWS} instants, got shape {instants.shape}"
@@ -234,7 +241,7 @@ def check_motion(
             )
         torques = np.hstack([torques, np.zeros((rows, n - 1))])
     motion = Motion(instants, angles, torques, _check_pieces(piece, rows))
-    motion = _evenly_spaced(motion)
+    motion = replace(motion, times=evenly_spaced(motion.times, motion.pieces()))
     _check_order(motion)
     used = {rows.start for rows in motion.stretches()}
     if not used:
@@ -249,7 +256,8 @@ def check_motion(
     return _unwrapped(motion)
 
 
-def _finite(name: str, value: ArrayLike) -> FloatArray:
+def checked_finite(name: str, value: ArrayLike) -> FloatArray:
+    """Return an array of finite numbers."""
     raw = np.atleast_1d(np.asarray(value))
     if raw.dtype.kind == "f" and not np.all(np.isfinite(raw)):
         row = int(np.argwhere(~np.isfinite(raw))[0][0])
@@ -261,7 +269,7 @@ def _finite(name: str, value: ArrayLike) -> FloatArray:
 
 
 def _columns(name: str, value: ArrayLike, rows: int) -> FloatArray:
-    out = _finite(name, value)
+    out = checked_finite(name, value)
     out = out[:, None] if out.ndim == 1 else out
     if out.ndim != 2 or out.shape[0] != rows or out.shape[1] == 0:
         raise ValueError(
@@ -273,7 +281,7 @@ def _columns(name: str, value: ArrayLike, rows: int) -> FloatArray:
 def _check_pieces(piece: ArrayLike | None, rows: int) -> NDArray[np.int64]:
     if piece is None:
         return np.zeros(rows, np.int64)
-    labels = _finite("piece", piece)
+    labels = checked_finite("piece", piece)
     if labels.shape != (rows,) or np.any((labels != np.round(labels)) | (abs(labels) >= 2**53)):
         raise ValueError(
             f"piece must be {rows} integers below 2^53, one for each row, got {_checks.show(piece)}"
@@ -282,41 +290,6 @@ def _check_pieces(piece: ArrayLike | None, rows: int) -> NDArray[np.int64]:
     if np.unique(labels[starts]).size < starts.size:
         raise ValueError("piece must number recordings whose rows stand together, got them mixed")
     return labels.astype(np.int64)
-
-
-def _evenly_spaced(motion: Motion) -> Motion:
-    """Return the motion with the even intervals from which its times were rounded, if they were.
-
-    A film has 60 frames a second and times with two decimals: they are wrong by up to 5 ms.
-    """
-    times, intervals = motion.times.copy(), list[float]()
-    for rows in motion.pieces():
-        own = times[rows]
-        unit = next((u for u in (1.0, 0.1, 0.01, 1e-3, 1e-4) if _is_multiple(own, u)), 0.0)
-        steps = np.diff(own)
-        if own.size < MIN_ROWS or unit == 0.0 or np.any(steps < 0.0) or np.ptp(steps) < 0.5 * unit:
-            continue
-        mean = float(own[-1] - own[0]) / (own.size - 1)
-        typical = float(np.mean(steps[steps <= np.median(steps) + 1.5 * unit]))
-        for frames in (np.arange(own.size), np.cumsum(np.rint(np.r_[0.0, steps] / typical))):
-            interval, first = np.polyfit(frames, own, 1) if mean > 0.0 else (0.0, 0.0)
-            even = first + interval * frames
-            away = np.max(np.abs(even - own)) / unit
-            if 0.1 < away < 0.55 and np.all(np.diff(frames) > 0.0) and unit > _COARSE * interval:
-                times[rows] = even
-                intervals.append(float(interval))
-                break
-    if not intervals:
-        return motion
-    warn_caller(
-        "times are rounded: rows are taken as evenly spaced, "
-        f"{1e3 * float(np.median(intervals)):.4g} ms apart; give times with more decimals"
-    )
-    return replace(motion, times=times)
-
-
-def _is_multiple(times: FloatArray, unit: float) -> bool:
-    return bool(np.all(np.abs(times / unit - np.rint(times / unit)) < 1e-6))
 
 
 def _check_order(motion: Motion) -> None:
@@ -345,4 +318,4 @@ def _unwrapped(motion: Motion) -> Motion:
         return motion  # of no sum of angles within a turn: they are whole as they are
     for rows in motion.stretches():
         theta[rows] = np.unwrap(theta[rows], axis=0)
-    return Motion(motion.times, theta, motion.torque, motion.piece)
+    return replace(motion, theta=theta)

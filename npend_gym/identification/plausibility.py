@@ -96,7 +96,7 @@ def check_units(chain: Chain, motion: Motion) -> None:
     factor is warned of; one above 100 is an error: times in milliseconds, for example.
     """
     factor, measured, expected = _slowness(chain, motion)
-    fast, slow = (_DRIVEN_FAST, math.inf) if motion.driven else (_FAST, _SLOW)
+    fast, slow = (_DRIVEN_FAST, math.inf) if motion.forced else (_FAST, _SLOW)
     if 1.0 / fast <= factor <= slow:
         return
     text = (
@@ -164,7 +164,7 @@ def check_readings(motion: Motion, model: Model, rows: Sequence[slice], error: f
     for convert, links, rule, meaning in _READINGS:
         if motion.links < links or (meaning.startswith("degrees") and largest < _LEAST_DEGREES):
             continue
-        if rule == _TIMES and motion.driven:  # motors may move a chain as slowly as they like
+        if rule == _TIMES and motion.forced:  # motors may move a chain as slowly as they like
             continue
         other, is_rate = convert(motion), meaning.startswith("angular")
         free = model.free.copy()
@@ -211,7 +211,7 @@ def check_values(found: Chain, given: Chain, motion: Motion, *, weighed: bool) -
         for k, far in enumerate(away)
         if far > _FAR
     ]
-    if not motion.driven:
+    if not motion.forced:
         factor, measured, own = _slowness(found, motion)
         if not 1.0 / _SLOW <= factor <= _SLOW:
             impossible.append(

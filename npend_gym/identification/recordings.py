@@ -19,13 +19,14 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.identification.conversion import understood
 from npend_gym.identification.motion import Motion, check_motion
+from npend_gym.identification.moving_pivot import with_position
 from npend_gym.identification.tables import read_table
 from npend_gym.physics.arguments import warn_caller
 
 _MAX_CELLS = 50_000_000
 _QUOTES = "quotation marks must begin and end a cell within its line"
 # what `Trajectory.to_csv` writes of chains that no fit takes
-_NOT_HUNG = "position", "position_x", "stretch0"
+_NOT_HUNG = "position_x", "stretch0"
 _NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
 _POSITIONS = re.compile(r"(x|y|omega)\d{1,9}", re.ASCII)
 
@@ -51,8 +52,9 @@ def read_motion(
     """Read measured motion from CSV files, and from exports of programs for measurements.
 
     The first line names the columns: ``time`` [s], ``theta0``, ``theta1``, ... [rad] from the link
-    at the pivot on; if wanted ``tau0``, ... [N m] and ``piece``, the number of the recording. The
-    order of the columns does not matter, and others are not read.
+    at the pivot on; if wanted ``tau0``, ... [N m], ``piece``, the number of the recording, and
+    ``position`` [m] of a pivot, or a cart, that moved sideways. The order of the columns does not
+    matter, and others are not read.
 
     Exports of other programs are recognised by what stands in them; see the notes.
 
@@ -135,7 +137,8 @@ def read_recording(
         raise ValueError("paths must name a file at least")
     first = motions[0]
     for path, one in zip(paths, motions, strict=True):
-        if one.links != first.links or (one.torque is None) != (first.torque is None):
+        given = [(m.links, m.torque is None, m.acceleration is None) for m in (one, first)]
+        if given[0] != given[1]:
             raise ValueError(f"{path} must have the same columns as {paths[0]}")
     piece, count = list[NDArray[np.int64]](), 0
     for one in motions:
@@ -149,11 +152,13 @@ def read_recording(
                 "angles"
             )
     torque = [one.torque for one in motions if one.torque is not None]
+    moved = [one.acceleration for one in motions if one.acceleration is not None]
     motion = Motion(
         np.concatenate([one.times for one in motions]),
         np.concatenate([one.theta for one in motions]),
         np.concatenate(torque) if torque else None,
         motions[0].piece if len(motions) == 1 else np.concatenate(piece),
+        np.concatenate(moved) if moved else None,
     )
     said = [sentence for one in recordings for sentence in one.said]
     return Recording(motion, recordings[0].lengths, said)
@@ -181,7 +186,7 @@ def _check_columns(columns: object) -> dict[str, str]:
 
 
 def _is_read(name: str) -> bool:
-    return name in ("time", "piece") or bool(_NUMBERED.fullmatch(name))
+    return name in ("time", "piece", "position") or bool(_NUMBERED.fullmatch(name))
 
 
 def _read_any(
@@ -222,7 +227,8 @@ def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: boo
     angles = np.radians(angles) if degrees else angles
     angles = np.cumsum(angles, axis=1) if relative else angles
     try:
-        return check_motion(table["time"], angles, torque, table.get("piece"))
+        motion = check_motion(table["time"], angles, torque, table.get("piece"))
+        return with_position(motion, table.get("position"))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -257,7 +263,7 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
             for name in filter(names.__contains__, _NOT_HUNG):
                 warn_caller(
                     f"{path} has the column {name}, which is not read: identify takes the motion "
-                    "of rigid chains that hang from a fixed pivot"
+                    "of rigid chains whose pivot rests, or moves sideways with the column position"
                 )
             cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
             for number, row in rows:

@@ -114,7 +114,8 @@ def _equations(
     inside = np.maximum(1.0 - s**2, 0.0)
     share = np.gradient(times)  # of each row in an integral
     bump, slope = inside**3 * share, (-6.0 * s * inside**2) / (0.5 * width) * share
-    momenta, forces = _terms(model, curves.theta[rows], curves.omega[rows])
+    moved = None if motion.acceleration is None else motion.acceleration[rows]
+    momenta, forces = _terms(model, curves.theta[rows], curves.omega[rows], moved)
     matrix = np.einsum("bt,tikj->bikj", bump, forces) - np.einsum("bt,tikj->bikj", slope, momenta)
     torque = np.zeros((times.size, n + 1))
     if motion.torque is not None:
@@ -122,16 +123,21 @@ def _equations(
     return matrix, bump @ (torque[:, :-1] - torque[:, 1:])
 
 
-def _terms(model: Model, theta: FloatArray, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _terms(
+    model: Model, theta: FloatArray, omega: FloatArray, moved: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
     """Coefficients of the values in the momenta and in the forces, (T, n, 9, n).
 
-    Entry (t, i, q, k) belongs to the equation of link i and to quantity q of link k.
+    `moved` is the acceleration of the pivot. Entry (t, i, q, k) belongs to the equation of link i
+    and to quantity q of link k.
     """
     chain, (count, n) = model.chain, theta.shape
     momenta, forces = np.zeros((2, count, n, len(QUANTITIES), n))
     for i in range(n):
         momenta[:, i, INERTIA, i] = omega[:, i]
         forces[:, i, LIFT, i] += chain.gravity * np.sin(theta[:, i])
+        if moved is not None:
+            forces[:, i, LIFT, i] += moved * np.cos(theta[:, i])
         for k in range(i + 1, n):
             difference = theta[:, i] - theta[:, k]
             cosine, sine = (chain.lengths[i] * f(difference) for f in (np.cos, np.sin))

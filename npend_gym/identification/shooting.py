@@ -14,7 +14,8 @@ from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.identification.least_squares import Point
 from npend_gym.identification.motion import Motion
-from npend_gym.identification.parameters import OFFSET, Model
+from npend_gym.identification.moving_pivot import levers
+from npend_gym.identification.parameters import LIFT, OFFSET, Model
 from npend_gym.physics.derivatives import DifferentiableEnsemble
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import default_substeps
@@ -52,7 +53,7 @@ class Shooting:
         self._times: FloatArray = np.where(self.measured, times - times[:, :1], 0.0)
         self._theta = self._side_by_side(motion.theta)
         interval = float(np.median(np.diff(self._times, axis=1)[self.measured[:, 1:]]))
-        if motion.driven:
+        if motion.forced:
             interval = min(float(np.median(np.diff(motion.times[each]))) for each in rows)
             longest = min(longest, interval)
         several = math.floor(longest / interval + 1e-9)
@@ -62,16 +63,25 @@ class Shooting:
         self._most = _STIFFER * default_substeps(model.chain, self._step)
         self._ensembles = dict[int, DifferentiableEnsemble]()  # by their size
         steps = math.ceil(float(self._times.max()) / self._step - 1e-6)
-        self._joints = range(1 if motion.torque is None else motion.links)
-        self._torque = np.zeros((steps, len(self.rows), len(self._joints)))
+        acts = motion.torque is not None or motion.acceleration is not None
+        self._joints = range(motion.links if acts else 1)
+        n = len(self._joints)
+        drives = np.zeros((motion.times.size, n * (1 + motion.links)))  # torques, and levers
         if motion.torque is not None:
+            drives[:, :n] = motion.torque
+        if motion.acceleration is not None:
+            drives[:, n:] = levers(motion).reshape(len(drives), -1)
+        self._drives = np.zeros((steps, len(self.rows), drives.shape[1]))
+        if acts:
             edges = np.arange(steps + 1) * self._step
             for k, each in enumerate(self.rows):
                 at = np.append(self._times[k, : counts[k]], edges[-1] + 1.0)
-                torque = motion.torque[[*range(each.start, each.stop), each.stop - 1]]
+                torque = drives[[*range(each.start, each.stop), each.stop - 1]]
                 impulse = make_interp_spline(at, torque, k=1).antiderivative()(edges)
                 impulse[1:-1] -= np.diff(impulse, 2, axis=0) / 12.0
-                self._torque[:, k] = np.diff(impulse, axis=0) / self._step
+                self._drives[:, k] = np.diff(impulse, axis=0) / self._step
+        self._torque, self._levers = np.split(self._drives, [n], axis=2)
+        self._levers = self._levers.reshape(steps, len(self.rows), n, motion.links)
 
     def _side_by_side(self, values: FloatArray) -> FloatArray:
         """Return the rows of the segments, (S, M, ...), of values of the whole motion."""
@@ -96,12 +106,13 @@ class Shooting:
             return None
         ensemble = self._ensemble(chain, theta, omega)
         substeps = max(math.ceil(self._least), substeps)
-        nodes = ensemble.rollout(self._torque, self._step, substeps)
+        torques = self._torque + self._levers @ values[LIFT]
+        nodes = ensemble.rollout(torques, self._step, substeps)
         if ensemble.diverged.any():
             return None
         away = self._at_rows(*nodes) + values[OFFSET] - self._theta
         residuals = np.where(self.measured[..., None], away, 0.0).reshape(len(away), -1)
-        return Point(residuals, partial(self._linearise, chain, substeps, *nodes))
+        return Point(residuals, partial(self._linearise, chain, substeps, torques, *nodes))
 
     def _ensemble(
         self, chain: Chain, theta: FloatArray, omega: FloatArray
@@ -130,7 +141,7 @@ class Shooting:
         return curve(at).reshape(*at.shape, *theta.shape[2:])
 
     def _linearise(
-        self, chain: Chain, substeps: int, theta: FloatArray, omega: FloatArray
+        self, chain: Chain, substeps: int, torques: FloatArray, theta: FloatArray, omega: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives by what is fitted, and by the first states.
 
@@ -140,6 +151,9 @@ class Shooting:
         (steps, size, joints), (_, rows, n) = self._torque.shape, self._theta.shape
         fitted, directions = len(self.model.names), self.model.directions(chain)
         given = len(directions["inertias"])  # what follows are offsets
+        places = np.argwhere(self.model.free[:OFFSET])
+        lifts, moved = np.flatnonzero(places[:, 0] == LIFT), bool(np.any(self._levers))
+        links = places[lifts, 1]
         count = 2 * n + given
         by_fitted, by_state = np.zeros((size, rows, n, fitted)), np.zeros((size, rows, n, 2 * n))
         by_fitted[..., given:] = np.eye(n)[:, self.model.free[OFFSET]]
@@ -147,7 +161,7 @@ class Shooting:
         for first in range(0, size, chunk):
             span = slice(first, min(first + chunk, size))
             before = theta[:-1, span].reshape(-1, n), omega[:-1, span].reshape(-1, n)
-            torque = self._torque[:, span].reshape(-1, joints)
+            torque = torques[:, span].reshape(-1, joints)
             step = self._ensemble(chain, *before).step_jacobian(
                 torque, self._step, substeps, parameters=directions if given else None
             )
@@ -155,6 +169,9 @@ class Shooting:
             changes[0] = np.eye(2 * n, count)
             by_start = step.A.reshape(*changes[1:].shape[:3], 2 * n)
             own = step.C.reshape(*changes[1:].shape[:3], given)
+            if moved:  # a lift carries the force of the pivot's acceleration
+                by_torque = step.B.reshape(*changes[1:].shape[:3], joints)
+                own[..., lifts] += by_torque @ self._levers[:, span][..., links]
             for k in range(steps):
                 np.matmul(by_start[k], changes[k], out=changes[k + 1])
                 changes[k + 1, ..., 2 * n :] += own[k]
