@@ -351,6 +351,7 @@ def test_a_chain_on_a_measured_cart_is_fitted_with_that_motion_given(n, tmp_path
     np.savetxt(tmp_path / "cart.csv", rows, delimiter=",", header=",".join(names), comments="")
     read = read_motion(tmp_path / "cart.csv")
     expected = np.gradient(np.gradient(moved.position, times), times)[20:-20]
+    assert read.position == pytest.approx(position)
     assert read.acceleration[20:-20] == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
 
 

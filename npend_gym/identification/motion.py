@@ -40,14 +40,15 @@ class Motion:
         Torque at each joint [N m]; None for free swings.
     piece : ndarray, int64, shape (T,)
         Which recording each row is from; the rows of one stand together.
-    acceleration : ndarray, shape (T,), or None
-        Sideways acceleration of the pivot [m/s^2]; None where it rests.
+    position, acceleration : ndarray, shape (T,), or None
+        Sideways position [m] and acceleration [m/s^2] of the pivot; None where it rests.
     """
 
     times: FloatArray
     theta: FloatArray
     torque: FloatArray | None
     piece: NDArray[np.int64]
+    position: FloatArray | None = None
     acceleration: FloatArray | None = None
 
     @property

@@ -42,7 +42,7 @@ def with_position(motion: Motion, position: ArrayLike | None) -> Motion:
         parts = max(1, min(most, round(_KNOTS * float(times[-1] - times[0]) / period)))
         knots = np.quantile(times, np.arange(1, parts) / parts)
         acceleration[rows] = LSQUnivariateSpline(times, places[rows], knots, k=_DEGREE)(times, 2)
-    return replace(motion, acceleration=acceleration)
+    return replace(motion, position=places, acceleration=acceleration)
 
 
 def levers(motion: Motion) -> FloatArray:

@@ -152,12 +152,14 @@ def read_recording(
                 "angles"
             )
     torque = [one.torque for one in motions if one.torque is not None]
+    places = [one.position for one in motions if one.position is not None]
     moved = [one.acceleration for one in motions if one.acceleration is not None]
     motion = Motion(
         np.concatenate([one.times for one in motions]),
         np.concatenate([one.theta for one in motions]),
         np.concatenate(torque) if torque else None,
         motions[0].piece if len(motions) == 1 else np.concatenate(piece),
+        np.concatenate(places) if places else None,
         np.concatenate(moved) if moved else None,
     )
     said = [sentence for one in recordings for sentence in one.said]
