@@ -138,7 +138,7 @@ def _of_run(
     relative: bool,
     fps: float | None,
 ) -> Reading:
-    """Return what stands in the columns of one run; rows with an empty cell are left out."""
+    """Motion in the columns of one run; rows with an empty cell are left out."""
     by_role = dict[str, list[_Meant]]()
     for one in sorted(found, key=lambda one: (one.column.track, one.number)):
         by_role.setdefault(one.role, []).append(one)
