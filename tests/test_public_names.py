@@ -22,12 +22,14 @@ INSIDE = {
     "benchmarks": {
         "_checks", "_files", "_palette", "_provenance", "cli.common", "compiled.arrays",
         "compiled.jit", "compiled.packs", "experiments.campaign.task", "physics.energy",
-        "physics.kernels.dynamics", "physics.kernels.link_terms", "physics.kernels.rk4", "physics.kernels.rk4_derivatives",
+        "physics.kernels.dynamics", "physics.kernels.link_terms", "physics.kernels.rk4",
+        "physics.kernels.rk4_derivatives",
         "physics.kernels.tensions", "physics.memory", "report.outputs", "theory.unstable_modes",
     },
     "paper": {
         "_checks", "_extras", "_files", "_palette", "_threads", "chain.inertia", "cli.common",
-        "cli.values", "experiments.fits", "physics.energy", "physics.kernels.dynamics", "physics.kernels.link_terms",
+        "cli.values", "experiments.fits", "physics.energy", "physics.kernels.dynamics",
+        "physics.kernels.link_terms",
         "report.outputs", "report.style", "theory.rope",
     },
 }  # fmt: skip
