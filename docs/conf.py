@@ -199,8 +199,15 @@ def write_live_page(app, exception: Exception | None) -> None:
         main(["play", "--out", str(Path(app.outdir) / "live.html")])
 
 
+def drop_docstring_of_type(app, kind, name, value, options, lines) -> None:  # noqa: ARG001
+    """Leave constants without the docstring of their type, such as that of all tuples."""
+    if kind == "data":
+        lines.clear()
+
+
 def setup(app) -> None:
     """Tell Sphinx what this file adds to it."""
+    app.connect("autodoc-process-docstring", drop_docstring_of_type, priority=0)
     app.connect("html-page-context", make_accessible, priority=900)  # after the theme's own
     app.connect("build-finished", write_live_page)
     app.connect("source-read", fill_in_commands)

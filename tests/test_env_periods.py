@@ -9,6 +9,7 @@ from test_env_links import CHAIN
 from npend_gym import Cart, Chain, pseudo_periods
 from npend_gym.envs import EnvConfig, Mode
 from npend_gym.envs.modes import MODES, Passive, SwingUp
+from npend_gym.physics.kernels.link_terms import Rotor
 
 ID = "NPendulum-v0"
 OF_PERIODS = {
@@ -152,7 +153,7 @@ def test_a_chain_with_rotors_goes_on_from_its_state():
     env = gym.make(ID, chain=Chain.rods([1.0, 0.5], [1.0, 0.7], armature=0.1)).unwrapped
     shown(env, 10)
     state = env.get_state()
-    assert np.all(state["rotors"][0] == 0.1)  # the row of the armature
+    assert np.all(state["rotors"][Rotor.ARMATURE] == 0.1)
     after = env.step(np.ones(1))
     env.set_state(state)
     assert_same(list(env.step(np.ones(1))), list(after))
