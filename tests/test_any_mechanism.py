@@ -175,3 +175,9 @@ def test_links_on_stiff_springs_follow_rigid_links():
         found = simulate(chain, [1.0, 0.5], 0.0, times, **given).theta
         errors.append(np.abs(found - expected).max())
     np.testing.assert_allclose(errors[0] / errors[1], 10.0, rtol=0.05)
+
+
+def test_a_link_whose_spring_is_pushed_through_its_joint_is_named():
+    chain = Chain([1.0], [1.0], centres=[0.4], inertias=[0.05], stiffness=1.0)
+    with pytest.raises(physics.IntegrationError, match="or a rod has no length left"):
+        simulate(chain, 0.3, 0.0, [0.0, 5.0], stretch=[-0.9], stretch_rate=[-50.0])

@@ -129,6 +129,7 @@ def read_files(command: str, files: Sequence[Path], **how: Any) -> tuple[Motion,
         raise ValueError(
             f"files must be CSV files: {error.filename} cannot be read: {error.strerror}"
         ) from error
+    *options, last = (f"--{name}" for name in how)
     for sentence in read.said:
-        warn(f"{command}: {sentence}. --columns, --degrees, --relative and --fps overrule this")
+        warn(f"{command}: {sentence}. {', '.join(options)} and {last} overrule this")
     return read.motion, read.lengths

@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.identification.motion import passes
+from npend_gym.identification.motion import passes, pieces_in_turn
 from npend_gym.identification.tables import RUN, Column, Table
 
 # Names of columns in lower case, without what stands in brackets behind; a number counts links
@@ -85,17 +85,12 @@ def understood(
     if len(widths) > 1:
         raise ValueError(f"runs must have equally many angles, got {sorted(widths)}")
     torques = [part.torque for part in parts if part.torque is not None]
-    pieces, count = list[FloatArray](), 0
-    for part in parts:
-        numbers = np.unique(part.piece, return_inverse=True)[1] + float(count)
-        pieces.append(np.asarray(numbers, np.float64))
-        count += int(numbers.max(initial=-1)) + 1 if numbers.size else 0
     said = [f"recognised as {table.source}", *dict.fromkeys(s for p in parts for s in p.said)]
     return Reading(
         np.concatenate([part.times for part in parts]),
         np.concatenate([part.theta for part in parts]),
         np.concatenate(torques) if len(torques) == len(parts) else None,
-        parts[0].piece if len(parts) == 1 else np.concatenate(pieces),
+        pieces_in_turn([part.piece for part in parts]),
         parts[0].lengths,
         said,
     )
@@ -166,14 +161,13 @@ def _of_run(
         raise ValueError(f"the file must have rows with numbers in all of {names}")
     values, lengths = np.column_stack([one.column.values for one in chosen])[full], None
     times = times[full]
+    in_degrees = degrees or chosen[0].degrees
     if role == "x":
         y = np.column_stack([one.column.values for one in by_role["y"]])[full]
         theta, lengths = _from_positions(np.stack([values, y], axis=2), table.named, said)
     elif role == "omega":
-        in_degrees = degrees or chosen[0].degrees
         theta = _from_rates(times, np.radians(values) if in_degrees else values, said)
     else:
-        in_degrees = degrees or chosen[0].degrees
         if role == "axis":
             in_degrees |= float(np.abs(values).max()) > 1.01 * np.pi
         theta = np.radians(values) if in_degrees else values

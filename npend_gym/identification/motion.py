@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,6 +137,17 @@ class Motion:
                 spans[link] += passed[-1] - passed[0]
                 counts[link] += passed.size - 1
         return np.where((counts > 0) & ~turns, spans / np.maximum(counts, 1.0), np.nan)
+
+
+def pieces_in_turn(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Pieces of recordings in turn, numbered on; those of a single recording as they are."""
+    if len(pieces) == 1:
+        return pieces[0]
+    numbered, count = list[NDArray[np.int64]](), 0
+    for piece in pieces:
+        numbered.append(np.unique(piece, return_inverse=True)[1] + count)
+        count = int(numbered[-1].max(initial=count - 1)) + 1
+    return np.concatenate(numbered)
 
 
 def passes(times: FloatArray, theta: FloatArray) -> FloatArray:

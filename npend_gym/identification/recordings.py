@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.identification.conversion import understood
-from npend_gym.identification.motion import Motion, check_motion
+from npend_gym.identification.motion import Motion, check_motion, pieces_in_turn
 from npend_gym.identification.moving_pivot import with_position
 from npend_gym.identification.tables import read_table
 from npend_gym.physics.arguments import warn_caller
@@ -140,11 +139,6 @@ def read_recording(
         given = [(m.links, m.torque is None, m.acceleration is None) for m in (one, first)]
         if given[0] != given[1]:
             raise ValueError(f"{path} must have the same columns as {paths[0]}")
-    piece, count = list[NDArray[np.int64]](), 0
-    for one in motions:
-        numbers = np.unique(one.piece, return_inverse=True)[1]
-        piece.append(numbers + count)
-        count += int(numbers.max()) + 1
     for (path, one), (other_path, other) in combinations(zip(paths, motions, strict=True), 2):
         if np.array_equal(one.theta, other.theta):
             raise ValueError(
@@ -158,7 +152,7 @@ def read_recording(
         np.concatenate([one.times for one in motions]),
         np.concatenate([one.theta for one in motions]),
         np.concatenate(torque) if torque else None,
-        motions[0].piece if len(motions) == 1 else np.concatenate(piece),
+        pieces_in_turn([one.piece for one in motions]),
         np.concatenate(places) if places else None,
         np.concatenate(moved) if moved else None,
     )

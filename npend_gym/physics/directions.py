@@ -43,7 +43,7 @@ _ROWS = Parameter._asdict() | {"stiffness": STIFFNESS, "axial_damping": AXIAL_DA
 
 def row_count(kind: Kind) -> int:
     """Return how many rows of parameters kernels have for this kind of chains."""
-    return len(_ROWS) if kind in (SpringArrays, SliderArrays) else len(ChainParameters._fields)
+    return len(_ROWS) if issubclass(kind, SpringArrays) else len(ChainParameters._fields)
 
 
 def check_names(names: Iterable[str], kind: Kind) -> list[str]:

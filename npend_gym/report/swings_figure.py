@@ -1,4 +1,4 @@
-"""What `npend measure` shows: a text, and a figure of period and amplitude."""
+"""The figure of `npend measure`: period against amplitude, and the decay of the amplitude."""
 
 from __future__ import annotations
 

@@ -111,19 +111,8 @@ class SpringArrays(NamedTuple):
     springs: FloatArray  # stiffness and axial damping, (2, n)
 
 
-class SliderArrays(NamedTuple):
+class SliderArrays(SpringArrays):
     """Links on springs: the same fields, for links and rotors of any kind."""
-
-    length: FloatArray
-    damping: FloatArray
-    gravity: FloatArray
-    terms: FloatArray
-    friction: FloatArray
-    base: FloatArray
-    rotors: FloatArray
-    drag: FloatArray
-    quadratic_drag: FloatArray
-    springs: FloatArray
 
 
 AnyArrays = ChainArrays | LinkArrays | MachineArrays | SpringArrays | SliderArrays
