@@ -119,6 +119,36 @@ class Helpers:
         self._started = 0
 
 
+class Crew:
+    """Helpers of one owner, who may have `threads` threads with his own for each call.
+
+    They start where a call needs them.
+    """
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads: int = check_threads(threads)
+        self._helpers: Helpers | None = None
+
+    def run(self, work: Callable[[int, Call | None], None], parts: int) -> None:
+        """Do work of so many parts as `Helpers.run`, or as ``work(0, None)`` in this thread."""
+        if self.threads == 1 or parts == 1:
+            work(0, None)
+            return
+        helpers, self._helpers = self._helpers, None  # after an interrupt they may still be busy
+        helpers = helpers or Helpers(min(self.threads, parts) - 1)
+        helpers.run(work)
+        self._helpers = helpers
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._helpers is not None:
+            self._helpers.close()
+            self._helpers = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_helpers": None}  # threads start again where they are needed
+
+
 def each_once(parts: deque[_Part]) -> Iterator[_Part]:
     """Yield the parts that several threads take from one deque, each to one of them.
 

@@ -11,10 +11,8 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters
-from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
-from npend_gym.physics.kernels.rk4_derivatives import adjoint_many, adjoint_rows
-from npend_gym.physics.memory import Memory
+from npend_gym.physics.step import Cut, State, packed, vjp
 from suites.dynamics import many_steps, mujoco_chain, row_of
 from suites.timing import Job, Peers, Row
 
@@ -46,19 +44,14 @@ def rows(peers: Peers) -> Iterator[Row]:
 
 def gradients(chain: Chain, lanes: int, by_parameters: bool) -> Job:
     """Return the job of taking Runge-Kutta steps and gradients back through them."""
-    memory = Memory(chain.repeated(1), lanes, packed=True)
-    memory.write_state(np.arange(lanes), np.full((lanes, chain.n), np.pi / 4), np.zeros(1))
-    bars, reached = memory.new_rows(3), memory.new_rows(2)
-    memory.lanes_of(bars)[..., :2, :] = 1.0
+    pack = packed(chain.repeated(1), terms=0)
+    q, ones = np.full((lanes, chain.n), np.pi / 4), np.ones((lanes, chain.n))
+    state = State(q, 0.0 * q, q[:, :0], np.zeros(0, np.int64))
     rows = len(ChainParameters._fields) if by_parameters else 0
-    chain_bars, timing = memory.new_rows(rows), memory.plan(_H, 1, math.inf).timing[0]
-    kept = np.zeros((len(bars), 1))
-    work = aligned_zeros(adjoint_rows(1, 1), (chain.n + 2) * memory.width)
 
     def run(calls: int) -> None:
         for _ in range(calls):
-            adjoint_many(*memory.arrays, bars, chain_bars, reached, 1, kept, timing, work)
-            bars[:] = 1.0  # they would grow
+            vjp(pack, state, Cut(_H, 1, math.inf), (ones, ones), rows)
 
     return Job(run, lanes)
 

@@ -69,7 +69,7 @@ def _way_out(name: str) -> str:
 
 
 # The first parameter of a feature without which kernels leave it out, and its others
-FEATURES = (
+_FEATURES = (
     ("drag", "quadratic_drag"),
     ("friction", "friction_speed", "centres", "inertias"),
     ("armature", "gear"),
@@ -82,11 +82,11 @@ def with_features(parameters: ChainParameters, names: Iterable[str]) -> ChainPar
     What they have not is there, too small to change anything.
     """
     least: dict[str, FloatArray] = {}
-    for feature in FEATURES:
+    for feature in _FEATURES:
         own = getattr(parameters, feature[0])
-        if not np.any(own) and not {*feature}.isdisjoint(names):
-            least[feature[0]] = np.full_like(own, _checks.SMALLEST)
-    return parameters._replace(**least)
+        if not {*feature}.isdisjoint(names) and not np.all(own):
+            least[feature[0]] = np.where(own == 0.0, _checks.SMALLEST, own)
+    return parameters._replace(**least) if least else parameters
 
 
 def _check_mapping(parameters: Any) -> Mapping[str, ArrayLike]:

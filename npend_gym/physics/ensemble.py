@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,11 +19,11 @@ from npend_gym.physics.arguments import (
     check_states,
     checked_joints,
 )
+from npend_gym.physics.calls import Cut, Plan
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.members import Members
-from npend_gym.physics.memory import Memory, Plan
-from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS
+from npend_gym.physics.memory import Memory
 
 
 def check_rigid(springs: object) -> None:
@@ -88,8 +87,6 @@ class Ensemble(Members):
     True
     """
 
-    _always_packed = False
-
     def __init__(
         self,
         chains: Chain | Sequence[Chain],
@@ -103,14 +100,9 @@ class Ensemble(Members):
         check_rigid(mechanism.springs)
         self.n: int = mechanism.n
         self.joints: NDArray[Any] = np.array(checked_joints(joints, self.n), np.int64)
-        super().__init__(
-            Memory(
-                mechanism.parameters, self.size, threads, base=mechanism.base,
-                packed=self._always_packed,
-            )
-        )  # fmt: skip
+        super().__init__(Memory(mechanism.parameters, self.size, threads, base=mechanism.base))
         self._has_cart = mechanism.base is not None
-        self._plans: dict[tuple[float, int, float], Plan] = {}  # of the last step
+        self._plans: dict[Cut, Plan] = {}  # of the last step
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
         """Give some members the parameters of a chain; their time and measurements start again.
@@ -138,7 +130,7 @@ class Ensemble(Members):
         memory = self._intact
         memory.check_kind(rows)  # refused before anything changes
         self._ready = False
-        self._substeps.clear()
+        self._chains = None
         memory.write_chain(chosen, rows)
         memory.write_base(chosen, base)
         memory.restart(chosen)
@@ -230,7 +222,7 @@ class Ensemble(Members):
         A member that leaves all bounds keeps its last finite state; `diverged` is True for it.
         """
         loads = self._check_loads(torque, force)
-        plan = self._check_step(dt, substeps)
+        plan = self._plan(dt, substeps)
         given = np.ones(self.size, np.bool_) if active is None else active
         mask = np.asarray(_checks.unmasked("active", given))
         if mask.dtype != np.bool_:
@@ -279,7 +271,7 @@ class Ensemble(Members):
         if given.ndim != 3 or given.shape[1:] != (members, joints.size):
             shape = f"(T, {members}, {joints.size})"
             raise ValueError(f"torques must have the shape {shape}, got {given.shape}")
-        plan, memory = self._check_step(dt, substeps), self._intact
+        plan, memory = self._plan(dt, substeps), self._intact
         fields = [memory.per_rod(field) for field in (Rod.TORQUE, Rod.THETA, Rod.OMEGA)]
         wanted = np.zeros((len(given), memory.lanes, self.n))
         wanted[:, :members, joints] = given
@@ -298,16 +290,12 @@ class Ensemble(Members):
         memory = self._memory
         memory.run(advance_one if memory.width == 1 else advance_many, (memory.record,), plan)
 
-    def _check_step(self, dt: float, substeps: int | None) -> Plan:
-        """Return how a step of `dt` is taken: by `substeps` substeps, or by the default number."""
-        dt = _checks.positive_number("dt", dt)
-        rotation = MAX_ROTATION if substeps is None else math.inf
-        if substeps is None:
-            substeps = self._default_substeps(dt)
-        key = dt, _checks.count("substeps", substeps, high=MAX_SUBSTEPS), rotation
-        if key not in self._plans:
-            self._plans = {key: self._memory.plan(*key)}
-        return self._plans[key]
+    def _plan(self, dt: float, substeps: int | None) -> Plan:
+        """Return how a step of `dt` is taken; kept for the last one."""
+        cut = self._steps.cut(dt, substeps)
+        if cut not in self._plans:
+            self._plans = {cut: self._memory.plan(*cut)}
+        return self._plans[cut]
 
     def close(self) -> None:
         """End the threads; they start again where they are needed."""

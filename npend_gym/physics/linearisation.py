@@ -12,10 +12,13 @@ from typing_extensions import Unpack
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
-from npend_gym.physics.arguments import check_inputs
-from npend_gym.physics.derivatives import DifferentiableEnsemble
+from npend_gym.physics.arguments import check_inputs, check_limits
+from npend_gym.physics.derivatives import sound
 from npend_gym.physics.equations import StateKeywords, States, states_of
+from npend_gym.physics.kernels.link_terms import count_terms
 from npend_gym.physics.kernels.states import new_rates_scratch, rates_of_states
+from npend_gym.physics.step import Chains, tangents
+from npend_gym.physics.step import State as StepState
 
 _ENTRIES = 2**21  # of the Jacobians that are made at once: 16 MB
 
@@ -193,8 +196,7 @@ def step_jacobian(
     q, u, loads = states.rows
     # joints whose torques are not asked for, but act
     others = [int(j) for j in np.flatnonzero(np.any(loads[:, :n], axis=0)) if j not in wanted]
-    at = [j for j in [*wanted, *others] if j < n]
-    inputs = [at.index(j) if j < n else len(at) for j in wanted]
+    inputs = np.array([*wanted, *others], np.int64)
     if chain.stiffness is not None:
         raise ValueError(
             "chain must have rigid rods, because the steps of an ensemble do not resolve the "
@@ -206,16 +208,18 @@ def step_jacobian(
             f"{_checks.show(more.get('pivot_acceleration'))}: take "
             'simulate(..., method="rk4").sensitivities()'
         )
-    size = max(1, min(len(q), _ENTRIES // (2 * m * (2 * m + len(at)))))
-    whole = np.empty((len(q), 2 * m, 2 * m + len(inputs)))
+    check_limits(q[:, :n], u[:, :n])
+    base = states.mechanism.base
+    chains = Chains(chain.repeated(1), count_terms(chain.repeated(1), base), base)
+    cut, wide = chains.cut(dt, substeps), 2 * m + inputs.size
+    size = max(1, min(len(q), _ENTRIES // (2 * m * wide)))
+    whole = np.empty((len(q), 2 * m, 2 * m + len(wanted)))
     for first in range(0, len(q), size):
         span = slice(first, first + size)
-        ensemble = DifferentiableEnsemble(chain, len(q[span]), joints=at)
-        cart = (q[span, n], u[span, n]) if chain.base is not None else (0.0, 0.0)
-        ensemble.set_state(slice(None), q[span, :n], u[span, :n], cart=cart)
-        force = loads[span, n] if chain.base is not None else 0.0
-        found = ensemble.step_jacobian(loads[span][:, at], dt, substeps, force=force)
-        whole[span] = np.concatenate([found.A, found.B[..., inputs]], axis=-1)
+        state = StepState(q[span], u[span], loads[span][:, inputs], inputs)
+        reached, columns = tangents(chains, state, cut)
+        sound(reached)
+        whole[span] = columns[..., : whole.shape[-1]]
     return _parted(whole, states)
 
 

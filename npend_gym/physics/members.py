@@ -6,9 +6,8 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.layout import Member, Rod, Turn
-from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.memory import Memory
-from npend_gym.physics.substeps import check_default, substeps_of, substeps_on_cart
+from npend_gym.physics.step import Chains
 
 
 class Members:
@@ -19,7 +18,7 @@ class Members:
         self.size: int = memory.size
         self._memory = memory
         self._ready = True  # no call was interrupted
-        self._substeps: dict[float, int] = {}  # by default, of the last dt
+        self._chains: Chains | None = None  # of the members, for steps
 
     @property
     def _intact(self) -> Memory:
@@ -109,13 +108,11 @@ class Members:
         """Return the chain of a member, with its cart, whose mass may differ in its last bit."""
         return self._intact.chain(member)
 
-    def _default_substeps(self, dt: float) -> int:
-        """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""
-        if dt not in self._substeps:
-            chains, base = self.parameters, self._intact.bases
-            needed = substeps_of(chains, dt)
-            if base is not None:
-                mass, damping = base[Base.INVERSE_MASS], base[Base.DAMPING]
-                needed = substeps_on_cart(needed, chains, dt, mass, damping)
-            self._substeps = {dt: check_default(needed, dt)}
-        return self._substeps[dt]
+    @property
+    def _steps(self) -> Chains:
+        """The chains of the members, for steps."""
+        if self._chains is None:
+            memory = self._intact
+            terms = len(memory.arrays[2] or ())
+            self._chains = Chains(memory.parameters, terms, memory.bases)
+        return self._chains

@@ -3,44 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._threads import Call, Helpers, check_threads, each_once
+from npend_gym._threads import Crew
 from npend_gym.chain import SIMPLE_FIELDS, Cart, Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
-from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.kernels.advance import MAX_PARTS
+from npend_gym.physics.calls import Cut, Plan, plan_of, run
 from npend_gym.physics.kernels.laws import Friction
 from npend_gym.physics.kernels.layout import (
     Member,
     Model,
     Rod,
-    Timing,
     Turn,
     Turns,
     group_width,
     new_scratch,
-)  # fmt: skip
+)
 from npend_gym.physics.kernels.link_terms import (
     BASE_AT,
     Base,
     Link,
     Rotor,
     check_terms,
-    model_terms,
-)  # fmt: skip
+    count_terms,
+)
 from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure, write_chains
 from npend_gym.physics.substeps import chain_of, check_default
 
-_RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _ALIASED = 256  # numbers, of 2 kB
-_SPAN = [Timing.FIRST_GROUP, Timing.LAST_GROUP, Timing.FIRST_SUBSTEP, Timing.LAST_SUBSTEP]
 # Where parameters stand, by their names in `Chain`
 _OF_RODS = {
     "masses": Rod.MASS, "lengths": Rod.LENGTH, "damping": Rod.DAMPING, "drag": Rod.DRAG,
@@ -54,17 +49,30 @@ _OF_MODEL: tuple[dict[str, int], ...] = (
     {},
     {"armature": Rotor.ARMATURE, "gear": Rotor.GEAR},
 )  # fmt: skip
-_CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one
+
+Arrays = tuple[FloatArray, FloatArray, Model]  # members, rods and model
 
 
-class Plan(NamedTuple):
-    """How a step is divided into compiled calls."""
+def new_model(terms: int, n: int, groups: int, width: int, base: FloatArray | None = None) -> Model:
+    """Return the arrays of a model, see `count_terms`, of chains on a `base` (len(Base), B or 1).
 
-    substeps: int
-    groups: int  # in one call
-    piece: int  # substeps of one call
-    whole: bool  # whether one call does it all
-    timing: list[FloatArray]  # of each thread
+    They are zeros but for the base.
+    """
+    rows = 0 if base is None else len(base)
+    shapes = (len(Link), n), (len(Friction), n), (rows, 1), (len(Rotor), n)
+    model = tuple(aligned_zeros(groups, count, m * width) for count, m in shapes[:terms])
+    if base is not None:
+        own = base[:, np.minimum(np.arange(groups * width), base.shape[1] - 1)]
+        model[BASE_AT][:] = own.reshape(rows, groups, width).swapaxes(0, 1)
+    return model or None
+
+
+def write_all_chains(arrays: Arrays, lanes: int, chains: ChainParameters) -> None:
+    """Give all lanes the chains, or the one; lanes to spare repeat the last chain."""
+    rows = chains.stacked()
+    if len(rows) > 1:
+        rows = rows[np.minimum(np.arange(lanes), len(rows) - 1)]
+    write_chains(*arrays, np.arange(lanes), rows)
 
 
 class Memory:
@@ -84,8 +92,6 @@ class Memory:
         The rows of `link_terms.Base` where the pivots are carts.
     spare_rod_rows : int
         Rows after those of `Rod` in `rods`, for the use of the caller.
-    packed : bool
-        Whether even one member is kept in a pack, for kernels that know nothing else.
     measured : bool
         Whether turning points are measured.
 
@@ -112,38 +118,27 @@ class Memory:
         spare_rows: int = 0,
         base: FloatArray | None = None,
         spare_rod_rows: int = 0,
-        packed: bool = False,
         measured: bool = True,
     ) -> None:
         self.n: int = chains.masses.shape[1]
         self.size: int = size
-        self.threads: int = check_threads(threads)
-        self.width: int = WIDTH if packed else group_width(size)
+        self.crew: Crew = Crew(threads)
+        self.threads: int = threads
+        self.width: int = group_width(size)
         self.groups: int = -(-size // self.width)
         lanes = self.groups * self.width
         self.lanes: int = lanes
         # rows that all begin at the same places of the cache would push each other out of it
         self.columns: int = lanes + (self.width if lanes % _ALIASED == 0 else 0)
-        terms = model_terms(chains, base)
-        self.arrays: tuple[FloatArray, FloatArray, Model] = (
+        self.arrays: Arrays = (
             aligned_zeros(len(Member) + spare_rows, self.columns),
             aligned_zeros(self.groups, len(Rod) + spare_rod_rows, (self.n + 1) * self.width),
-            tuple(aligned_zeros(self.groups, len(t), t.shape[2] * self.width) for t in terms)
-            or None,
+            new_model(count_terms(chains, base), self.n, self.groups, self.width, base),
         )
-        if base is not None and self.arrays[2] is not None:
-            own = base[:, np.minimum(np.arange(lanes), base.shape[1] - 1)]
-            self.arrays[2][BASE_AT][:] = own.reshape(len(base), self.groups, self.width).swapaxes(
-                0, 1
-            )
         self.record: Turns = (self.new_rows(len(Turn)),) if measured else None
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
-        self._helpers: Helpers | None = None
         self.arrays[0][Member.ACTIVE] = 1.0
-        if len(chains.masses) > 1:  # lanes to spare repeat the last chain
-            own = np.minimum(np.arange(lanes), size - 1)
-            chains = ChainParameters(*(field[own] for field in chains))
-        self.write_chain(np.arange(lanes), chains)
+        write_all_chains(self.arrays, lanes, chains)
         self.restart(np.arange(lanes))
 
     @property
@@ -208,19 +203,6 @@ class Memory:
             chains = chains._replace(**{name: rows[:, row] for name, row in fields.items()})
         return chains
 
-    def feature(self, name: str) -> FloatArray | None:
-        """Return a view of a parameter of all lanes, or None where their kind has none."""
-        if name in _OF_RODS:
-            return self.per_rod(_OF_RODS[name])
-        for part, fields in zip(self.arrays[2] or (), _OF_MODEL, strict=False):
-            if name in fields:
-                return part[:, fields[name]]
-        return None
-
-    def new_rows(self, *count: int) -> FloatArray:
-        """Return zeros (groups, *count, (n + 1) width): rows as those of `rods`."""
-        return aligned_zeros(self.groups, *count, (self.n + 1) * self.width)
-
     def write_state(self, members: Indices, theta: FloatArray, omega: FloatArray) -> None:
         """Put some members into states, and begin to measure from there."""
         place = self.place(members)
@@ -283,71 +265,16 @@ class Memory:
 
     def plan(self, dt: float, substeps: int, max_rotation: float) -> Plan:
         """Return how steps of this kind are divided into compiled calls, for `run`."""
-        check_default(substeps, dt)
-        most = self.n * self.width * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
-        piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
-        share = self.groups
-        if self.threads > 1:
-            share = -(-self.groups // (_CHUNKS * self.threads))
-        groups = max(1, min(piece // max(1, substeps), share))
-        piece = max(1, min(piece, substeps))
-        timing = np.zeros((self.threads, len(Timing)))
-        timing[:, Timing.DT], timing[:, Timing.SUBSTEPS] = dt, substeps
-        timing[:, Timing.PER_ROTATION] = 1.0 / max_rotation
-        timing[:, Timing.LAST_GROUP], timing[:, Timing.LAST_SUBSTEP] = self.groups, substeps
-        whole = groups >= self.groups and piece >= substeps
-        return Plan(substeps, groups, piece, whole, list(timing))
+        cut = Cut(dt, check_default(substeps, dt), max_rotation)
+        return plan_of(cut, self.n * self.width, self.groups, self.threads)
 
-    def run(
-        self,
-        kernel: Callable[..., None],
-        arrays: tuple[Any, ...],
-        plan: Plan,
-        work: Sequence[FloatArray] | None = None,
-    ) -> None:
-        """Call ``kernel(*self.arrays, *arrays, timing, scratch)`` for all groups.
-
-        The scratch of each thread is that of steps, or else from `work`.
-
-        Large steps are divided over threads, and over calls so short that Ctrl-C takes effect
-        between them. The caller must check whether one was interrupted.
-        """
-        if plan.whole:
-            kernel(*self.arrays, *arrays, plan.timing[0], (work or self._scratch)[0])
-            return
-        chunks = deque(range(0, self.groups, plan.groups))
-
-        def share(thread: int, call: Call | None) -> None:
-            timing, scratch = plan.timing[thread], (work or self._scratch)[thread]
-            for span in self._spans(chunks, plan):
-                timing[_SPAN] = span
-                kernel(*self.arrays, *arrays, timing, scratch)
-                if call is not None and call.stopped:
-                    return
-
-        if self.threads == 1 or self.groups == 1:
-            share(0, None)
-            return
-        helpers = self._helpers or Helpers(min(self.threads, self.groups) - 1)
-        self._helpers = None  # after an interrupt they may still be busy
-        helpers.run(share)
-        self._helpers = helpers
-
-    def _spans(self, chunks: deque[int], plan: Plan) -> Iterator[tuple[int, int, int, int]]:
-        """Yield the first and last group and substep of each call; threads share the chunks."""
-        for first in each_once(chunks):
-            last = min(first + plan.groups, self.groups)
-            for begin in range(0, max(1, plan.substeps), plan.piece):
-                yield first, last, begin, min(begin + plan.piece, plan.substeps)
+    def run(self, kernel: Callable[..., None], arrays: tuple[Any, ...], plan: Plan) -> None:
+        """Call ``kernel(*self.arrays, *arrays, timing, scratch)`` for all groups, see `calls`."""
+        run(kernel, (*self.arrays, *arrays), plan, self.crew, self._scratch)
 
     def close(self) -> None:
         """End the threads."""
-        if self._helpers is not None:
-            self._helpers.close()
-            self._helpers = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_helpers": None}  # threads start again where they are needed
+        self.crew.close()
 
 
 def _inverse(x: float) -> float:

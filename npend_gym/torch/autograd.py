@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
 from torch.autograd import Function
 
-from npend_gym.chain import ChainParameters
 from npend_gym.compiled.sincos import sincos_all
-from npend_gym.torch import device_steps
-from npend_gym.torch.compiled_steps import CompiledSteps
+from npend_gym.torch import compiled_steps, device_steps
+from npend_gym.torch.compiled_steps import Call
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -40,22 +38,9 @@ def applied(function: Any, *inputs: Any) -> Any:
     return function.apply(*inputs)
 
 
-@dataclass(frozen=True, eq=False)
-class Call:
-    """How a step is taken; no tensor is in it."""
-
-    steps: CompiledSteps
-    dt: float
-    substeps: int | None = None  # as for `Ensemble.advance`
-    names: tuple[str, ...] = ()  # of the parameters that are tensors
-    rows: ChainParameters | None = None  # the chains where no parameter is a tensor
-
-    def chains(self, size: int, values: Sequence[Tensor]) -> ChainParameters:
-        """Return the chains of this step."""
-        if self.rows is not None:
-            return self.rows
-        arrays = (value.cpu().numpy() for value in values)
-        return self.steps.chains(size, dict(zip(self.names, arrays, strict=True)))
+def _device_of(tensor: Tensor) -> Any:
+    """Return the module that takes steps where a tensor is."""
+    return device_steps if device_steps.on_gpu(tensor) else compiled_steps
 
 
 class Step(Function):
@@ -65,9 +50,8 @@ class Step(Function):
     def forward(call: Call, *inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Take the step."""
         inputs = tuple(x.detach() for x in inputs)
-        rows = call.chains(len(inputs[0]), inputs[3:])
-        steps = call.steps.where(inputs[0])
-        return steps.forward(rows, inputs[:3], call.dt, call.substeps)
+        chains = call.chains(len(inputs[0]), inputs[3:])
+        return _device_of(inputs[0]).forward(call, chains, inputs[:3])
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
@@ -102,10 +86,10 @@ class StepBack(Function):
     def forward(call: Call, needed: tuple[bool, ...], *inputs: Tensor) -> tuple[Tensor, ...]:
         """Take the gradient back."""
         inputs = tuple(x.detach() for x in inputs)
-        rows = call.chains(len(inputs[0]), inputs[5:])
+        chains = call.chains(len(inputs[0]), inputs[5:])
         names = [name for name, need in zip(call.names, needed, strict=True) if need]
-        given = rows, inputs[2:5], inputs[:2], call.dt, call.substeps, names
-        of_state, by_name = call.steps.where(inputs[0]).backward(*given)
+        steps = _device_of(inputs[0])
+        of_state, by_name = steps.backward(call, chains, inputs[2:5], inputs[:2], names)
         parameters = zip(call.names, inputs[5:], strict=True)
         return *of_state, *(by_name.get(name, torch.zeros_like(x)) for name, x in parameters)
 

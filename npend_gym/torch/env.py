@@ -12,6 +12,7 @@ from torch import Tensor
 from typing_extensions import Unpack
 
 from npend_gym import _checks
+from npend_gym._threads import Crew
 from npend_gym.envs import EnvKeywords
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
@@ -19,9 +20,9 @@ from npend_gym.envs.inputs import checked_state
 from npend_gym.envs.keywords import with_config_keywords
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.session import ManyLanes
-from npend_gym.torch.autograd import Call, Step, applied, uncompiled
+from npend_gym.torch.autograd import Step, applied, uncompiled
 from npend_gym.torch.checks import DivergedError, check_device, check_tensor, clipped_action
-from npend_gym.torch.compiled_steps import CompiledSteps
+from npend_gym.torch.compiled_steps import Call, chains_of
 from npend_gym.torch.hardware import Motors, Sensors, begun
 from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
 
@@ -94,8 +95,7 @@ class DifferentiableVectorEnv(ManyLanes):
         self.action_size: int = config.joints.size
         self._check_config()
         self._fit_hardware()
-        timing = config.min_substeps // self._motors.pieces, config.max_rotation
-        self._steps = CompiledSteps(config.with_all_features, self._motors.joints, threads, timing)
+        self._crew = Crew(threads)
         self._theta: Tensor = self._zeros(self.num_envs, config.state_size // 2)  # and of a cart
         self._omega: Tensor = self._theta
         self._start_energy = self._zeros(self.num_envs)
@@ -171,6 +171,7 @@ class DifferentiableVectorEnv(ManyLanes):
         began = self._episodes.beginnings()
         alike = not config.randomization.names and not self._episodes.some_altered
         self._lanes = lanes = Lanes.of(began, config, self.device, alike=alike)
+        self._chains = chains_of(config.with_all_features, lanes.rows)
         self._settings = {name: torch.from_numpy(x) for name, x in began.settings.items()}
         self._theta, self._omega = self._replaced(
             mask, torch.from_numpy(began.state).to(self.device)
@@ -247,9 +248,13 @@ class DifferentiableVectorEnv(ManyLanes):
 
     def _advance(self, clipped: Tensor) -> None:
         self._taken += 1
-        motors = self._motors
+        motors, config = self._motors, self.config
         motors.act(clipped, self._age, self._settings)
-        call = Call(self._steps, self.config.dt / motors.pieces, rows=self._lanes.rows)
+        call = Call(
+            config.with_all_features, tuple(motors.joints), config.dt / motors.pieces,
+            config.min_substeps // motors.pieces, config.max_rotation, own=self._chains,
+            crew=self._crew,
+        )  # fmt: skip
         for piece in range(motors.pieces):
             state = self._theta, self._omega
             loads = motors.loads(piece, *state, self._lanes, self._settings)
@@ -319,7 +324,7 @@ class DifferentiableVectorEnv(ManyLanes):
 
     def close(self) -> None:
         """End the threads."""
-        self._steps.close()
+        self._crew.close()
 
     @property
     def state(self) -> tuple[Tensor, Tensor]:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,9 +12,9 @@ from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
 from npend_gym.physics.arguments import checked_joints
 from npend_gym.physics.ensemble import check_rigid
-from npend_gym.torch.autograd import Call, Step, applied, uncompiled
+from npend_gym.torch.autograd import Step, applied, uncompiled
 from npend_gym.torch.checks import as_tensors
-from npend_gym.torch.compiled_steps import CompiledSteps
+from npend_gym.torch.compiled_steps import Call
 
 
 @uncompiled
@@ -88,26 +87,19 @@ def step(
     torch.Size([2])
     """
     check_rigid(check_chain(chain).stiffness)
-    # Checked before the cache, which takes 0.0 for 0
-    listed = checked_joints(joints, chain.n)
-    steps = _kept_steps(chain, tuple(listed))
+    listed = tuple(checked_joints(joints, chain.n))
     given = dict(parameters or {})
     tensors = as_tensors({"theta": theta, "omega": omega, "torque": torque} | given)
     dtype, wide = tensors[0].dtype, [x.to(torch.float64) for x in tensors]
     m = chain.coordinates
-    inputs = len(steps.joints) + (chain.base is not None)
+    inputs = len(listed) + (chain.base is not None)
     sizes: dict[str, int | None] = {"theta": m, "omega": m, "torque": inputs}
     sizes |= {name: None if name == "gravity" else chain.n for name in given}
     leading, flat = _broadcast(sizes, wide)
-    call = Call(steps, dt, substeps, tuple(given))
+    call = Call(chain, listed, dt, substeps, names=tuple(given))
     after = applied(Step, call, *flat)
     reached, velocity = (x.reshape(*leading, m).to(dtype) for x in after)
     return reached, velocity
-
-
-@functools.lru_cache(maxsize=64)
-def _kept_steps(chain: Chain, joints: tuple[int, ...]) -> CompiledSteps:
-    return CompiledSteps(chain, list(joints))
 
 
 def _broadcast(

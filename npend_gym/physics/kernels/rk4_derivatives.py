@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.arrays import bare, packs
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, spliced_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.advance import MAX_PARTS, substep_parts
 from npend_gym.physics.kernels.driven import Kept
 from npend_gym.physics.kernels.dynamics import AnyArrays, copy
-from npend_gym.physics.kernels.layout import Group, Model, Timing, group_of
+from npend_gym.physics.kernels.layout import Group, Timing
 from npend_gym.physics.kernels.rk4 import OMEGA, TAPE_ROWS, rk4_step
 from npend_gym.physics.kernels.stages import (
     SHARED_ROWS,
@@ -117,6 +116,19 @@ def _count_parts(group: Group, timing: FloatArray, rest: FloatArray) -> Any:
     return substep_parts(omega, group.velocity.size, whole, timing[Timing.PER_ROTATION])
 
 
+@spliced_kernel
+def step_of_group(group: Group, timing: FloatArray, rest: FloatArray) -> None:
+    """Take a step in place; `rest` has RK4_ROWS rows."""
+    theta, omega, whole = group.theta, group.omega, timing[Timing.DT] / timing[Timing.SUBSTEPS]
+    for _ in range(int(timing[Timing.SUBSTEPS])):
+        parts = substep_parts(omega, group.velocity.size, whole, timing[Timing.PER_ROTATION])
+        part = 0
+        while part == 0 or any_of(parts > part):
+            h = _part_length(parts, part, timing)
+            rk4_step(0.0, theta, omega, h, group.torque, group.chain, rest)
+            part += 1
+
+
 @inlined_kernel
 def _directions(changed: FloatArray, d: int, first: int) -> FloatArray:
     """Return how direction `d` changes parameters; empty before the first that does."""
@@ -128,9 +140,14 @@ def tangents_of_group(
     group: Group, timing: FloatArray, changes: FloatArray, pushed: FloatArray,
     changed: FloatArray, reached: FloatArray, rest: FloatArray,
 ) -> None:  # fmt: skip
-    """See `tangents_many`; without any `changes` it is a step alone."""
-    size, tape = group.theta.size, rest[TAPE:]
-    count, first = changes.shape[0], changes.shape[0] - changed.shape[0]
+    """Carry D changes of the state, its rates, torques and parameters through a step.
+
+    Two rows of `changes` are those of theta and omega, before and after; `pushed` (D, n + 1) are
+    those of the torques. Those of the parameters, `changed` (K, len(Parameter) or 0, n), belong to
+    the last K of the D. The state after the step is left in two rows, `reached`.
+    """
+    size, tape, count = group.theta.size, rest[TAPE:], pushed.shape[0]
+    first = count - changed.shape[0]
     copy(group.theta, rest[_THETA])
     copy(group.omega, rest[_OMEGA_NOW])
     for _ in range(int(timing[Timing.SUBSTEPS])):
@@ -139,34 +156,13 @@ def tangents_of_group(
         while part == 0 or any_of(parts > part):
             h = _part_length(parts, part, timing)
             _take_part(group, h, rest, tape)
-            if count > 0:
-                take_poses(4, size, group.chain, group.mass, tape, rest[_POSES:])
+            take_poses(4, size, group.chain, group.mass, tape, rest[_POSES:])
             for d in range(count):
-                q, u = changes[d][0][:size], changes[d][1][:size]
+                q, u = changes[2 * d][:size], changes[2 * d + 1][:size]
                 _change(h, group, tape, q, u, pushed[d], _directions(changed, d, first), rest)
             part += 1
     copy(rest[_THETA][:size], reached[0])
     copy(rest[_OMEGA_NOW][:size], reached[1])
-
-
-@kernel
-def tangents_many(
-    members: FloatArray, rods: FloatArray, model: Model, changes: FloatArray, pushed: FloatArray,
-    changed: FloatArray, reached: FloatArray, timing: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Carry changes of the members' states, torques and parameters through a step of `timing`.
-
-    `changes` (groups, D, 2, row) has those of theta and omega, before and after; `pushed`
-    (D, n + 1) those of the torques and `changed` (K, len(Parameter) or 0, n) those of the
-    parameters, the same for all members, in the last K of the D. The states after the step are
-    left in `reached` (groups, 2, row). The members stay as they are; arrays as in `layout`.
-    """
-    members, rods, changes, reached = bare(members), bare(rods), bare(changes), bare(reached)
-    pushed, changed, rest = bare(pushed), bare(changed), packs(bare(scratch))
-    for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(packs(members), packs(rods), packs(model), None, g)
-        rows, end = packs(changes)[g], packs(reached)[g]
-        tangents_of_group(group, timing, rows, pushed, changed, end, rest)
 
 
 @inlined_kernel
@@ -210,7 +206,13 @@ def adjoint_of_group(
     group: Group, timing: FloatArray, bars: FloatArray, chain_bar: FloatArray,
     reached: FloatArray, slots: int, kept: FloatArray, rest: FloatArray,
 ) -> None:  # fmt: skip
-    """See `adjoint_many`; `kept` says of each substep whether its tape is there on the way back."""
+    """Take derivatives by the state after a step back to its start.
+
+    `bars` has those by theta and omega, before and after; those by the torques are added in its
+    third row, and those by the parameters in `chain_bar`, len(Parameter) rows or none. The state
+    after the step is left in two rows, `reached`. The tapes of `slots` substeps are kept, those of
+    others made once more; `kept` says of each whether its tape is there on the way back.
+    """
     size, substeps, tapes = group.theta.size, kept.size, rest[TAPE:]
     # of each substep the state at its start, behind it those of its parts, until the next
     states = tapes[(slots + 1) * TAPE_ROWS :]
@@ -236,33 +238,11 @@ def adjoint_of_group(
         _return_kept(group, timing, rest, tape, states[2 * step :], count, bars, chain_bar)
 
 
-@kernel
-def adjoint_many(
-    members: FloatArray, rods: FloatArray, model: Model, bars: FloatArray, chain_bars: FloatArray,
-    reached: FloatArray, slots: int, kept: FloatArray, timing: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Take derivatives by the states after a step of `timing` back to its start.
-
-    `bars` (groups, 3, row) has those by theta and omega, before and after; those by the torques are
-    added in its last row, and those by the parameters in `chain_bars` (groups, len(Parameter) or 0,
-    row).
-    The states after the step are left in `reached` (groups, 2, row); the members stay as they are.
-    The tapes of `slots` substeps are kept in `scratch`, those of others made once more; `kept`
-    (groups, substeps) is written.
-    """
-    members, rods, bars, chain_bars = bare(members), bare(rods), bare(bars), bare(chain_bars)
-    reached, rest = bare(reached), packs(bare(scratch))
-    for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(packs(members), packs(rods), packs(model), None, g)
-        rows, chain_rows, end = packs(bars)[g], packs(chain_bars)[g], packs(reached)[g]
-        adjoint_of_group(group, timing, rows, chain_rows, end, slots, kept[g], rest)
-
-
 def tangent_rows() -> int:
-    """Return the rows of the work space of `tangents_many`."""
+    """Return the rows of the work space of `tangents_of_group`."""
     return TAPE + TAPE_ROWS
 
 
 def adjoint_rows(substeps: int, slots: int) -> int:
-    """Return the rows of the work space of `adjoint_many`."""
+    """Return the rows of the work space of `adjoint_of_group`."""
     return TAPE + (slots + 1) * TAPE_ROWS + 2 * substeps + 2 * int(MAX_PARTS)

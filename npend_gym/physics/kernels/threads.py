@@ -1,4 +1,4 @@
-"""Chains on a GPU, one a thread: each thread advances its chain as `ensemble` does a group.
+"""Chains on a GPU, one a thread: each takes the step of its chain, as `steps` does of a group.
 
 A thread has the arrays of an ensemble of one chain. They stand in its own memory, in registers as
 far as these reach. This needs a small number of rods that is known when the kernel is compiled; for
@@ -14,21 +14,18 @@ from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.sincos import MAX_ANGLE, sincos
 from npend_gym.compiled.translation import CUDA, FLOAT
-from npend_gym.physics.kernels.advance import advance_group
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.laws import Friction
-from npend_gym.physics.kernels.layout import MAX_SPEED, RK4, Member, Model, Rod, Timing, group_of
+from npend_gym.physics.kernels.layout import MAX_SPEED, Member, Model, Rod, Timing, group_of
 from npend_gym.physics.kernels.link_terms import Base, Link, Rotor
 from npend_gym.physics.kernels.member_rows import write_chain
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
-from npend_gym.physics.kernels.rk4_derivatives import adjoint_of_group, adjoint_rows
+from npend_gym.physics.kernels.rk4_derivatives import adjoint_of_group, adjoint_rows, step_of_group
 
 _PARAMETERS = len(ChainParameters._fields)
-_SCRATCH = RK4 + RK4_ROWS
 
 
 @inlined_kernel
@@ -42,18 +39,21 @@ def _clear(array: FloatArray) -> None:
 def _advance(
     theta: FloatArray, omega: FloatArray, torque: FloatArray, chain: FloatArray,
     members: FloatArray, rods: FloatArray, model: Model, timing: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Advance one chain under its torques; see `ensemble.advance_many`."""
-    n, rows = chain.shape[1], rods[0]  # known when this is compiled, where the arrays are
-    members[Member.ACTIVE, 0] = 1.0
+) -> bool:  # fmt: skip
+    """Advance one chain under its torques; return whether it leaves all bounds, and stays."""
+    n, rows, lost = chain.shape[1], rods[0], False  # known when this is compiled
     for i in range(n):
         rows[Rod.THETA, i], rows[Rod.OMEGA, i], rows[Rod.TORQUE, i] = theta[i], omega[i], torque[i]
     write_chain(members, rods, model, 0, 1, chain)
-    timing[Timing.FIRST_SUBSTEP], timing[Timing.LAST_SUBSTEP] = 0.0, timing[Timing.SUBSTEPS]
     group = group_of(members, rods, model, None, 0)
-    advance_group(bare, 1, members, timing, scratch, 0, group)
-    copy(rows[Rod.THETA][:n], theta)
-    copy(rows[Rod.OMEGA][:n], omega)
+    step_of_group(group, timing, scratch)
+    for i in range(n):
+        angle, speed = rows[Rod.THETA, i], rows[Rod.OMEGA, i]
+        lost = lost or not (abs(angle) <= MAX_ANGLE and abs(speed) <= MAX_SPEED)
+    if not lost:
+        copy(rows[Rod.THETA][:n], theta)
+        copy(rows[Rod.OMEGA][:n], omega)
+    return lost
 
 
 def short_chains(n: int) -> Callable[..., None]:
@@ -63,7 +63,7 @@ def short_chains(n: int) -> Callable[..., None]:
     ones; the parameters of the chains, (lanes, 12, n) or (1, 12, n); then dt, the substeps, and
     one over the angle by which no rod may turn in a substep, or zero.
     """
-    of_member, of_rods, of_scratch = (len(Member), 1), (1, len(Rod), n + 1), (_SCRATCH, n + 2)
+    of_member, of_rods, of_scratch = (len(Member), 1), (1, len(Rod), n + 1), (RK4_ROWS, n + 2)
     of_chain, of_timing = (_PARAMETERS, n), len(Timing)
     of_links, of_friction, of_rotors = (1, len(Link), n), (1, len(Friction), n), (1, len(Rotor), n)
     of_base = (1, len(Base), 1)
@@ -73,7 +73,7 @@ def short_chains(n: int) -> Callable[..., None]:
         per_rotation: Any,
     ) -> None:  # fmt: skip
         lane = CUDA.grid(1)
-        if lane < theta.shape[0]:
+        if lane < theta.shape[0] and diverged[lane] == 0.0:
             members, timing = CUDA.local.array(of_member, FLOAT), CUDA.local.array(of_timing, FLOAT)
             rods, scratch = CUDA.local.array(of_rods, FLOAT), CUDA.local.array(of_scratch, FLOAT)
             links, rotors = CUDA.local.array(of_links, FLOAT), CUDA.local.array(of_rotors, FLOAT)
@@ -86,13 +86,12 @@ def short_chains(n: int) -> Callable[..., None]:
             _clear(members)
             _clear(rods[0])
             _clear(scratch)
-            members[Member.DIVERGED, 0] = diverged[lane]
             timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
             timing[Timing.PER_ROTATION] = per_rotation
             model = (links, friction, base[:, :0], rotors)  # the base rests
             state = theta[lane], omega[lane], torque[lane]
-            _advance(*state, chain, members, rods, model, timing, scratch)
-            diverged[lane] = members[Member.DIVERGED, 0]
+            if _advance(*state, chain, members, rods, model, timing, scratch):
+                diverged[lane] = 1.0
 
     return advance_threads
 
@@ -110,10 +109,9 @@ def long_chains() -> Callable[..., None]:
         scratch: Any,
     ) -> None:  # fmt: skip
         lane = CUDA.grid(1)
-        if lane < theta.shape[0]:
+        if lane < theta.shape[0] and diverged[lane] == 0.0:
             own, timing = members[:, :, lane], CUDA.local.array(of_timing, FLOAT)
             _clear(own)
-            own[Member.DIVERGED, 0] = diverged[lane]
             timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
             timing[Timing.PER_ROTATION] = per_rotation
             model = (
@@ -123,8 +121,8 @@ def long_chains() -> Callable[..., None]:
             state = theta[lane], omega[lane], torque[lane]
             chain = chains[lane if chains.shape[0] > 1 else 0]
             work = scratch[:, :, lane]
-            _advance(*state, chain, own, rods[:, :, :, lane], model, timing, work)
-            diverged[lane] = own[Member.DIVERGED, 0]
+            if _advance(*state, chain, own, rods[:, :, :, lane], model, timing, work):
+                diverged[lane] = 1.0
 
     return advance_threads
 
@@ -158,7 +156,7 @@ def storage_shapes(n: int, terms: int, lanes: int) -> list[tuple[int, ...]]:
     """
     links, friction = len(Link) * (terms > 0), len(Friction) * (terms > 0)
     model = (1, links, n), (1, friction, n), (1, len(Rotor) * (terms > 3), n)
-    each = (len(Member), 1), (1, len(Rod), n + 1), *model, (_SCRATCH, n + 2)
+    each = (len(Member), 1), (1, len(Rod), n + 1), *model, (RK4_ROWS, n + 2)
     return [(*shape, lanes) for shape in each]
 
 
