@@ -130,7 +130,7 @@ class Crew:
         self._helpers: Helpers | None = None
 
     def run(self, work: Callable[[int, Call | None], None], parts: int) -> None:
-        """Do work of so many parts as `Helpers.run`, or as ``work(0, None)`` in this thread."""
+        """Do work of several `parts` as `Helpers.run`, or as ``work(0, None)`` in this thread."""
         if self.threads == 1 or parts == 1:
             work(0, None)
             return

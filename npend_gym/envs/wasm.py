@@ -13,9 +13,10 @@ from npend_gym.envs.kernels import step_one
 from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Setting, Task, Wiring
 from npend_gym.envs.starts import begin_one
 from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing, Turn
-from npend_gym.physics.kernels.link_terms import BASE_AT, model_terms
+from npend_gym.physics.kernels.link_terms import BASE_AT, count_terms
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
 from npend_gym.physics.mechanism import mechanism_of
+from npend_gym.physics.memory import new_model
 from npend_gym.physics.substeps import (
     MAX_PHASE,
     MAX_ROTATION,
@@ -33,7 +34,7 @@ def step_module(chain: Chain) -> bytes:
     `begin_one` and `step_one`, to be called as `wasm_module` says. The first call for a kind on a
     machine compiles, for about a minute.
     """
-    terms = len(_model_terms(chain))
+    terms = len(_model_of(chain))
     model = f"UniTuple({_RODS}, {terms})" if terms else "none"
     # `members`, `rods`, model and record of one chain
     memory = f"float64[:, ::1], {_RODS}, {model}, UniTuple({_RODS}, 1)"
@@ -58,14 +59,14 @@ def step_layout(chain: Chain) -> dict[str, Any]:
     }
     layout["Member"] = Member._asdict() | Episode._asdict() | Setting._asdict()
     layout["Parameter"] = {name: row for row, name in enumerate(ChainParameters._fields)}
-    terms = [[rows.shape[0], rows.shape[2]] for rows in _model_terms(chain)]
+    terms = [list(part.shape[1:]) for part in _model_of(chain)]
     return layout | {"scratchRows": RK4 + RK4_ROWS, "terms": terms}
 
 
-def _model_terms(chain: Chain) -> list[FloatArray]:
-    """Return the arrays of the model, (rows, 1, columns) each."""
-    mechanism = mechanism_of([chain])
-    return model_terms(mechanism.parameters, mechanism.base)
+def _model_of(chain: Chain) -> tuple[FloatArray, ...]:
+    """Return the arrays of the model, (1, rows, columns) each, with the base alone written."""
+    own, base = chain.repeated(1), mechanism_of([chain]).base
+    return new_model(count_terms(own, base), chain.n, 1, 1, base) or ()
 
 
 def step_chain(chain: Chain) -> dict[str, Any]:
@@ -79,7 +80,7 @@ def step_chain(chain: Chain) -> dict[str, Any]:
     substeps, cart = default_substeps(chain, 1.0), chain.base
     if cart is not None:
         substeps = substeps_on_cart(substeps, chain, 1.0, 1.0 / cart.mass, cart.damping)
-        plain |= {"cart": cart.mass, "base": _model_terms(chain)[BASE_AT].ravel().tolist()}
+        plain |= {"cart": cart.mass, "base": _model_of(chain)[BASE_AT].ravel().tolist()}
     return plain | {"hasBobs": chain.has_bobs, "rate": MAX_PHASE * substeps}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,7 +39,7 @@ class Plan(NamedTuple):
 
 
 def plan_of(cut: Cut, rods: int, groups: int, threads: int, *, at_once: bool = False) -> Plan:
-    """Return a plan for groups of so many rods; all substeps of a group may be taken `at_once`."""
+    """Return a plan for groups with `rods` each; all substeps of a group may be taken `at_once`."""
     dt, substeps, max_rotation = cut
     most = rods * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
     piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
@@ -67,18 +67,12 @@ def run(
 
     def share(thread: int, call: Call | None) -> None:
         timing = plan.timing[thread]
-        for span in _spans(chunks, plan):
-            timing[_SPAN] = span
-            kernel(*arrays, timing, work[thread])
-            if call is not None and call.stopped:
-                return
+        for first in each_once(chunks):  # threads share them
+            last = min(first + plan.groups, plan.total)
+            for begin in range(0, max(1, plan.substeps), plan.piece):
+                timing[_SPAN] = first, last, begin, min(begin + plan.piece, plan.substeps)
+                kernel(*arrays, timing, work[thread])
+                if call is not None and call.stopped:
+                    return
 
     crew.run(share, plan.total)
-
-
-def _spans(chunks: deque[int], plan: Plan) -> Iterator[tuple[int, int, int, int]]:
-    """Yield the first and last group and substep of each call; threads share the chunks."""
-    for first in each_once(chunks):
-        last = min(first + plan.groups, plan.total)
-        for begin in range(0, max(1, plan.substeps), plan.piece):
-            yield first, last, begin, min(begin + plan.piece, plan.substeps)

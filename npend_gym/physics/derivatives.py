@@ -147,7 +147,8 @@ class DifferentiableEnsemble(Ensemble):
         ]
         found = vjp(self._steps, state, cut, bars, parameters, self._memory.crew)
         reached, by_state, by_torque, gradients = found
-        return StepGradient(*sound(reached), *by_state, by_torque, gradients)
+        (theta, omega), (by_theta, by_omega) = sound(reached), by_state
+        return StepGradient(theta, omega, by_theta, by_omega, by_torque, gradients)
 
     def _begin(self, torque: ArrayLike, force: ArrayLike) -> State:
         """Return the states of the members, and the loads on them."""

@@ -127,14 +127,14 @@ def check_directions(
     return changed
 
 
-def by_names(bars: FloatArray, names: list[str], ends: BoolArray) -> dict[str, FloatArray]:
+def by_names(bars: Any, names: Iterable[str], ends: Any) -> dict[str, Any]:
     """Return gradients by name, (B, n) each, from the rows (B, len(Parameter), n) of a kernel.
 
-    `ends` is as for `check_directions`.
+    `ends` is as for `check_directions`. Arrays may be tensors.
     """
-    rows = {name: bars[:, _ROWS[name]].copy() for name in names}
-    if "lengths" in names and "centres" not in names:
-        rows["lengths"] += np.where(ends, bars[:, Parameter.centres], 0.0)
-    if "gravity" in names:
+    rows = {name: bars[:, _ROWS[name]] for name in names}
+    if "lengths" in rows and "centres" not in rows:
+        rows["lengths"] = rows["lengths"] + ends * bars[:, Parameter.centres]
+    if "gravity" in rows:
         rows["gravity"] = rows["gravity"][:, 0]
     return rows

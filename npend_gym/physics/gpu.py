@@ -18,7 +18,7 @@ from npend_gym.physics.directions import KINDS
 from npend_gym.physics.kernels import layout, threads
 from npend_gym.physics.kernels.driven import Kept
 from npend_gym.physics.kernels.link_terms import count_terms
-from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, substeps_of
+from npend_gym.physics.step import Chains
 
 # Rods up to which a thread has its chain in its own memory, and is compiled for their number: two
 # rods take 142 of the 255 registers that it may have, five all of them, in float32 half as many
@@ -84,12 +84,12 @@ class DeviceChains:
         self._rows = self.cuda.to_device(self.parameters.stacked().astype(self.dtype))
         self._resisted = drag or self.parameters.has_drag
         self._terms = _terms_of(self.parameters, drag=drag)
+        self._chains = Chains(self.parameters, self._terms)
         self._kernel = kernel_for(self.parameters, self.dtype, drag=drag)
         self._storage: list[Any] = []
         if self.n > SHORT:
             shapes = threads.storage_shapes(self.n, self._terms, self.size)
             self._storage = [self.zeros(shape) for shape in shapes]
-        self._substeps: dict[float, int] = {}
 
     def advance(
         self,
@@ -148,15 +148,12 @@ class DeviceChains:
         self, dt: float, substeps: int | None, max_rotation: float | None, rows: Any, stream: int
     ) -> Any:
         """Return dt, the substeps, and one over the angle that none may turn, or zero."""
-        dt = _checks.positive_number("dt", dt)
-        if max_rotation is not None:
-            max_rotation = _checks.positive_number("max_rotation", max_rotation)
-        elif substeps is None:
-            max_rotation = MAX_ROTATION
-        if substeps is None:
-            substeps = self._default_substeps(dt, rows, stream)
-        count = _checks.count("substeps", substeps, high=MAX_SUBSTEPS)
-        per_rotation = 0.0 if max_rotation is None else 1.0 / max_rotation
+        limit = (
+            None if max_rotation is None else _checks.positive_number("max_rotation", max_rotation)
+        )
+        own = self._chains if substeps is not None else self._chains_of(rows, stream)
+        dt, count, rotation = own.cut(dt, substeps)
+        per_rotation = 1.0 / (rotation if limit is None else limit)
         return np.array([dt, count, per_rotation], self.dtype)  # entries are of this type
 
     def _parameters(self, given: Any) -> Any:
@@ -185,20 +182,17 @@ class DeviceChains:
             _clearing(self.dtype.name).launch(lanes, array)
         return array.reshape(shape)
 
-    def _default_substeps(self, dt: float, rows: Any, stream: int) -> int:
-        """Return the substeps that the chains with the parameters in `rows` need."""
-        if rows is not self._rows:
-            queue = self.cuda.external_stream(stream) if stream else None
-            # the simulator's caller may hand over an array of NumPy
-            stacked = (
-                rows.copy_to_host(stream=queue or 0) if hasattr(rows, "copy_to_host") else rows
-            )
-            if queue is not None:
-                queue.synchronize()
-            return substeps_of(ChainParameters.unstacked(np.asarray(stacked, np.float64)), dt)
-        if dt not in self._substeps:
-            self._substeps = {dt: substeps_of(self.parameters, dt)}
-        return self._substeps[dt]
+    def _chains_of(self, rows: Any, stream: int) -> Chains:
+        """Return the chains with the parameters in `rows`."""
+        if rows is self._rows:
+            return self._chains
+        queue = self.cuda.external_stream(stream) if stream else None
+        # the simulator's caller may hand over an array of NumPy
+        stacked = rows.copy_to_host(stream=queue or 0) if hasattr(rows, "copy_to_host") else rows
+        if queue is not None:
+            queue.synchronize()
+        chains = ChainParameters.unstacked(np.asarray(stacked, np.float64))
+        return Chains(chains, self._terms)
 
     def _array(self, name: str, array: Any, shape: tuple[int, ...]) -> Any:
         """Return an array of the caller's as Numba takes it, refused where it does not fit."""

@@ -53,13 +53,13 @@ from npend_gym.physics.substeps import (
 _TAPE = 2**22  # bytes of the tapes that are kept for the way back: more would leave the cache
 _KEPT, _LARGEST = 8, 2**25  # work spaces that a thread keeps, and their bytes
 _IN_THREAD = threading.local()
-_ALONE, _contiguous = Crew(), np.ascontiguousarray
+_ALONE = Crew()
 
 
 class Chains:
     """The parameters of chains: one for each state, or one for all. They do not change.
 
-    They are of the kind of so many `terms` (`count_terms`), on a `base` (len(Base), B or 1). What
+    They are of the kind with these `terms` (`count_terms`), on a `base` (len(Base), B or 1). What
     follows from them is computed where it is needed, and kept.
 
     Raises
@@ -170,12 +170,13 @@ def vjp(
 
     By q and u, (2, B, m); by the loads, (B, k); and by the parameters that are named.
     """
-    names, size, back = check_names(names, chains.kind), len(state.q), map(_contiguous, bars)
+    names, size = check_names(names, chains.kind), len(state.q)
     by_state, by_loads = np.empty((2, *state.q.shape)), np.empty(state.loads.shape)
     by_rows = np.empty((size, len(ChainParameters._fields) if names else 0, chains.n))
     slots = max(1, min(cut.substeps, _TAPE // (8 * TAPE_ROWS * (chains.n + 2) * WIDTH)))
     kept = np.empty((-(-size // WIDTH), cut.substeps))
-    more = tuple(back), by_state, by_loads, by_rows, slots, kept
+    back = tuple(np.ascontiguousarray(bar) for bar in bars)
+    more = back, by_state, by_loads, by_rows, slots, kept
     rows = OWN_ROWS + by_rows.shape[1] + adjoint_rows(cut.substeps, slots)
     reached = _run(step_adjoint, chains, state, cut, more, rows, crew, names)
     gradients = by_names(by_rows, names, chains.centres_at_ends) if names else {}
@@ -186,10 +187,11 @@ def _run(
     kernel: Callable[..., None], chains: Chains, state: State, cut: Cut, more: tuple[Any, ...],
     rows: int, crew: Crew, names: Sequence[str] = (),
 ) -> Reached:  # fmt: skip
-    """Call a kernel for all states, with `more` arguments and work space of so many rows."""
+    """Call a kernel for all states, with `more` arguments and work space of `rows` rows."""
     (size, m), n = state.q.shape, chains.n
     reached = Reached(np.empty((2, size, m)), np.zeros(size))
-    given = *map(_contiguous, state[:3]), np.arange(m), state.inputs
+    begin = (np.ascontiguousarray(x) for x in state[:3])
+    given: Any = (*begin, np.arange(m), state.inputs)
     plan = plan_of(cut, n * WIDTH, -(-size // WIDTH), crew.threads, at_once=True)
     kept = _IN_THREAD.__dict__.setdefault("work", {})
     # Entries at the ends of rows are zero and stay so. After an interrupt it is not used again

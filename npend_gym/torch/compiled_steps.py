@@ -14,6 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._threads import Crew
 from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.envs import EnvConfig
 from npend_gym.physics.arguments import check_limits
 from npend_gym.physics.calls import Cut
 from npend_gym.physics.kernels.link_terms import count_terms
@@ -49,7 +50,16 @@ class Call:
         return chains.cut(self.dt, self.substeps)
 
 
-def chains_of(chain: Chain, rows: ChainParameters | None = None) -> Chains:
+def call_of(
+    config: EnvConfig, joints: Sequence[int], pieces: int, rows: ChainParameters, crew: Crew
+) -> Call:
+    """Return how an environment takes a piece of a step of chains with the parameters `rows`."""
+    chain, cut = config.with_all_features, (config.min_substeps // pieces, config.max_rotation)
+    own = _chains_of(chain, rows)
+    return Call(chain, tuple(joints), config.dt / pieces, *cut, own=own, crew=crew)
+
+
+def _chains_of(chain: Chain, rows: ChainParameters | None = None) -> Chains:
     """Return `chain`, or others of its kind, for steps."""
     own, base = chain.repeated(1), mechanism_of([chain]).base
     return Chains(own if rows is None else rows, count_terms(own, base), base)
@@ -57,7 +67,7 @@ def chains_of(chain: Chain, rows: ChainParameters | None = None) -> Chains:
 
 @lru_cache(maxsize=64)
 def _chains_alike(chain: Chain) -> Chains:
-    return chains_of(chain)
+    return _chains_of(chain)
 
 
 @lru_cache(maxsize=8)  # one step after another has the same, in several threads
@@ -68,7 +78,7 @@ def _chains_with(chain: Chain, names: tuple[str, ...], size: int, raw: tuple[byt
         for name, each in zip(names, raw, strict=True)
     }
     _check(values)
-    return chains_of(chain, chain.repeated(size, **values))
+    return _chains_of(chain, chain.repeated(size, **values))
 
 
 def _check(values: Mapping[str, FloatArray]) -> None:
@@ -97,8 +107,8 @@ def forward(call: Call, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor
     begin = _state(call, state)
     reached = take(chains, begin, call.cut(chains), call.crew)
     _check_reached(reached, begin, call)
-    q, u = map(torch.from_numpy, reached.states)
-    return q, u
+    q, u = reached.states
+    return torch.from_numpy(q), torch.from_numpy(u)
 
 
 def backward(

@@ -16,9 +16,8 @@ from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.gpu import DeviceKernel, simulated
 from npend_gym.physics import DifferentiableDeviceChains
-from npend_gym.physics.directions import check_names
+from npend_gym.physics.directions import by_names, check_names
 from npend_gym.physics.kernels import threads
-from npend_gym.physics.kernels.laws import Parameter
 from npend_gym.physics.step import Chains
 from npend_gym.torch.checks import DivergedError, check_bars
 from npend_gym.torch.compiled_steps import Call
@@ -30,7 +29,8 @@ def forward(call: Call, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor
     flags = torch.zeros_like(theta[:, 0])
     with _current(theta):
         device, options = _device_chains(call, chains, theta), _options(call, chains, theta)
-        device.advance(*map(_shared, (theta, omega, torque, flags)), call.dt, **options)
+        q, u, tau, lost = map(_shared, (theta, omega, torque, flags))
+        device.advance(q, u, tau, lost, call.dt, **options)
     _check_lost(flags)
     return theta, omega
 
@@ -49,16 +49,13 @@ def backward(
         back.append(theta.new_zeros(len(theta), len(ChainParameters._fields), chains.n))
     with _current(theta):
         device, options = _device_chains(call, chains, theta), _options(call, chains, theta)
-        begin = map(_shared, (theta, omega, torque))
-        device.step_vjp(*begin, [*map(_shared, back)], _shared(flags), call.dt, **options)
+        q, u, tau, lost = map(_shared, (theta, omega, torque, flags))
+        device.step_vjp(q, u, tau, [*map(_shared, back)], lost, call.dt, **options)
     _check_lost(flags)
-    by_name = {name: back[3][:, _row(name)] for name in names}
-    if "lengths" in names and "centres" not in names:
+    by_name: dict[str, Tensor] = {}
+    if names:
         ends = torch.from_numpy(chains.centres_at_ends).to(theta.device)
-        by_centres = back[3][:, _row("centres")]  # centres at the ends of rods stay there
-        by_name["lengths"] = by_name["lengths"] + torch.where(ends, by_centres, 0.0)
-    if "gravity" in by_name:
-        by_name["gravity"] = by_name["gravity"][:, 0]
+        by_name = by_names(back[3], names, ends)
     return [back[0], back[1], back[2][:, call.joints]], by_name
 
 
@@ -136,7 +133,3 @@ def _check_lost(flags: Tensor) -> None:
     lost = cast("list[int]", flags.nonzero().flatten().tolist())
     if lost:
         raise DivergedError(lost)
-
-
-def _row(name: str) -> int:
-    return Parameter._asdict()[name]

@@ -22,7 +22,7 @@ from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.session import ManyLanes
 from npend_gym.torch.autograd import Step, applied, uncompiled
 from npend_gym.torch.checks import DivergedError, check_device, check_tensor, clipped_action
-from npend_gym.torch.compiled_steps import Call, chains_of
+from npend_gym.torch.compiled_steps import call_of
 from npend_gym.torch.hardware import Motors, Sensors, begun
 from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
 
@@ -171,12 +171,13 @@ class DifferentiableVectorEnv(ManyLanes):
         began = self._episodes.beginnings()
         alike = not config.randomization.names and not self._episodes.some_altered
         self._lanes = lanes = Lanes.of(began, config, self.device, alike=alike)
-        self._chains = chains_of(config.with_all_features, lanes.rows)
+        motors = self._motors
+        self._call = call_of(config, motors.joints, motors.pieces, lanes.rows, self._crew)
         self._settings = {name: torch.from_numpy(x) for name, x in began.settings.items()}
         self._theta, self._omega = self._replaced(
             mask, torch.from_numpy(began.state).to(self.device)
         )
-        self._motors.begin(mask)
+        motors.begin(mask)
         self._sensors.begin(mask, self._theta, self._omega)
         state = State(self._theta, self._omega, lanes)
         energy = state.energy.detach()
@@ -248,18 +249,13 @@ class DifferentiableVectorEnv(ManyLanes):
 
     def _advance(self, clipped: Tensor) -> None:
         self._taken += 1
-        motors, config = self._motors, self.config
+        motors = self._motors
         motors.act(clipped, self._age, self._settings)
-        call = Call(
-            config.with_all_features, tuple(motors.joints), config.dt / motors.pieces,
-            config.min_substeps // motors.pieces, config.max_rotation, own=self._chains,
-            crew=self._crew,
-        )  # fmt: skip
         for piece in range(motors.pieces):
             state = self._theta, self._omega
             loads = motors.loads(piece, *state, self._lanes, self._settings)
             try:
-                self._theta, self._omega = applied(Step, call, *state, loads)
+                self._theta, self._omega = applied(Step, self._call, *state, loads)
             except DivergedError as error:
                 raise DivergedError(error.lanes, self._taken) from None
 

@@ -9,15 +9,13 @@ from typing import Any, NamedTuple
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import call_function
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
-from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, accelerations_kept
-from npend_gym.physics.kernels.link_terms import (
-    Base,
-    ChainArrays,
-    LinkArrays,
-    MachineArrays,
-    SliderArrays,
-    SpringArrays,
+from npend_gym.physics.kernels.dynamics import (
+    FEATURES,
+    AnyArrays,
+    accelerations,
+    accelerations_kept,
 )
+from npend_gym.physics.kernels.link_terms import Base, ChainArrays
 
 FORCE, ACROSS, UP = range(3)  # what stands after the torques on n joints
 AFTER_TORQUES = 3
@@ -60,16 +58,7 @@ def _base_that_moves(chain: Any, across: float, up: float) -> None:
         chain.base[Base.ACROSS, 0], chain.base[Base.UP, 0] = across, up
 
 
-@chosen_by_type(
-    "chain",
-    {
-        ChainArrays: _base_at_rest,
-        LinkArrays: _base_that_moves,
-        SpringArrays: _base_that_moves,
-        SliderArrays: _base_that_moves,
-        MachineArrays: _base_that_moves,
-    },
-)
+@chosen_by_type("chain", {ChainArrays: _base_at_rest, **dict.fromkeys(FEATURES, _base_that_moves)})
 def accelerate_base(chain: AnyArrays, across: float, up: float) -> None:
     """Give the pivot the acceleration that is prescribed for this instant."""
     raise NotImplementedError

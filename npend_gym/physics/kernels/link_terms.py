@@ -67,7 +67,7 @@ class BaseFields(NamedTuple):
 
 
 Base: BaseFields = BaseFields()
-MODEL = "links", "friction", "base", "rotors"  # the arrays of an ensemble's, see `model_terms`
+MODEL = "links", "friction", "base", "rotors"  # the arrays of an ensemble's, see `layout.Model`
 BASE_AT = MODEL.index("base")
 
 
@@ -168,7 +168,7 @@ def _fill_terms(
 
 
 def count_terms(chains: ChainParameters, base: object = None) -> int:
-    """Return how many arrays `model_terms` makes of chains on a `base`, or at rest: 0, 3 or 4."""
+    """Return how many arrays a `layout.Model` has of chains on a `base`, or at rest: 0, 3 or 4."""
     if base is None and chains.is_ideal:
         return 0
     return 4 if chains.has_drag or np.any(chains.armature) else 3
@@ -197,19 +197,10 @@ def check_terms(chains: ChainParameters, count: int) -> None:
         )
 
 
-def model_terms(chains: ChainParameters, base: FloatArray | None = None) -> list[FloatArray]:
-    """Arrays of chains beside lengths, damping, drag and gravity: none, 3 or 4.
-
-    Those are `LinkArrays.terms`, friction, base and rotors; shapes are (rows, B, n), and for the
-    base (len(Base), B, 1) if it moves, or (0, B, 1).
-    """
-    count = count_terms(chains, base)
-    return _terms_of(chains, base, geared=count == 4)[:count] if count else []
-
-
 def _terms_of(
     chains: ChainParameters, base: FloatArray | None, *, geared: bool
 ) -> list[FloatArray]:
+    """Return the rows of terms, friction, base and rotors, (rows, B, n), or (rows, B, 1)."""
     lanes, n = chains.masses.shape
     links, friction = np.empty((len(Link), lanes, n)), np.empty((len(Friction), lanes, n))
     rotors = np.empty((len(Rotor) if geared else 0, lanes, n))
