@@ -179,7 +179,10 @@ def vjp(
     more = back, by_state, by_loads, by_rows, slots, kept
     rows = OWN_ROWS + by_rows.shape[1] + adjoint_rows(cut.substeps, slots)
     reached = _run(step_adjoint, chains, state, cut, more, rows, crew, names)
-    gradients = by_names(by_rows, names, chains.centres_at_ends) if names else {}
+    gradients: dict[str, FloatArray] = {}
+    if names:  # each as a whole in memory: the bits of sums over states depend on that
+        each = np.ascontiguousarray(by_rows.swapaxes(0, 1)).swapaxes(0, 1)
+        gradients = by_names(each, names, chains.centres_at_ends)
     return reached, by_state, by_loads, gradients
 
 
