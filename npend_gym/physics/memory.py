@@ -135,7 +135,8 @@ class Memory:
             aligned_zeros(self.groups, len(Rod) + spare_rod_rows, (self.n + 1) * self.width),
             new_model(count_terms(chains, base), self.n, self.groups, self.width, base),
         )
-        self.record: Turns = (self.new_rows(len(Turn)),) if measured else None
+        rows = aligned_zeros(self.groups, len(Turn), (self.n + 1) * self.width)
+        self.record: Turns = (rows,) if measured else None
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self.arrays[0][Member.ACTIVE] = 1.0
         write_all_chains(self.arrays, lanes, chains)

@@ -91,7 +91,7 @@ def _device_chains(call: Call, chains: Chains, like: Tensor) -> DifferentiableDe
 def _kept_chains(
     chain: Chain, size: int, drag: bool, device: torch.device, thread: int
 ) -> DifferentiableDeviceChains:
-    """Return what a thread has on a GPU for batches of this size, work space among it."""
+    """Kernels and work space of a thread on a GPU, for batches of this size."""
     del device, thread
     return DifferentiableDeviceChains(chain, size, drag=drag)
 
