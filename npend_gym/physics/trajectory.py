@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
-from typing import Any, ClassVar  # noqa: F401  in comments, which dataclasses do not read
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,16 +115,23 @@ class Trajectory:
     chains: tuple[Chain, ...] = field(default=(), repr=False)
     ends: FloatArray | None = field(default=None, repr=False)
 
-    at = MethodFromAbove("npend_gym.physics.dense:at")  # type: ClassVar[Any]
-    cart_at = MethodFromAbove("npend_gym.physics.dense:cart_at")  # type: ClassVar[Any]
-    sensitivities = MethodFromAbove("npend_gym.physics.sensitivities:sensitivities")  # type: ClassVar[Any]
-    gradient = MethodFromAbove("npend_gym.physics.sensitivities:gradient")  # type: ClassVar[Any]
-    save = MethodFromAbove("npend_gym.physics.trajectory_file:save")  # type: ClassVar[Any]
-    load = MethodFromAbove("npend_gym.physics.trajectory_file:load")  # type: ClassVar[Any]
-    to_csv = MethodFromAbove("npend_gym.physics.trajectory_file:to_csv")  # type: ClassVar[Any]
-    plot = MethodFromAbove("npend_gym.report.notebook:plot")  # type: ClassVar[Any]
-    animate = MethodFromAbove("npend_gym.report.notebook:animate")  # type: ClassVar[Any]
-    _repr_html_ = MethodFromAbove("npend_gym.report.notebook:as_html")  # type: ClassVar[Any]
+    if TYPE_CHECKING:
+        from npend_gym.physics.dense import at, cart_at
+        from npend_gym.physics.sensitivities import gradient, sensitivities
+        from npend_gym.physics.trajectory_file import load, save, to_csv
+        from npend_gym.report.notebook import animate, plot
+        from npend_gym.report.notebook import as_html as _repr_html_
+    else:
+        at = MethodFromAbove("npend_gym.physics.dense:at")
+        cart_at = MethodFromAbove("npend_gym.physics.dense:cart_at")
+        sensitivities = MethodFromAbove("npend_gym.physics.sensitivities:sensitivities")
+        gradient = MethodFromAbove("npend_gym.physics.sensitivities:gradient")
+        save = MethodFromAbove("npend_gym.physics.trajectory_file:save")
+        load = MethodFromAbove("npend_gym.physics.trajectory_file:load")
+        to_csv = MethodFromAbove("npend_gym.physics.trajectory_file:to_csv")
+        plot = MethodFromAbove("npend_gym.report.notebook:plot")
+        animate = MethodFromAbove("npend_gym.report.notebook:animate")
+        _repr_html_ = MethodFromAbove("npend_gym.report.notebook:as_html")
 
     @property
     def nfev(self) -> Any:
