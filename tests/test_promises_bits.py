@@ -16,7 +16,7 @@ import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, digests, simulate
 from npend_gym.cli import main
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics import memory, motion
+from npend_gym.physics import calls, motion
 
 
 def episodes():
@@ -71,7 +71,7 @@ def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
         return [(*step[:4], step[4]["energy_error"], step[4]["pseudo_periods"]) for step in seen]
 
     whole = run()
-    monkeypatch.setattr(memory, "_RODS_PER_CALL", 2 * 3 * 16)  # two substeps of a group
+    monkeypatch.setattr(calls, "_RODS_PER_CALL", 2 * 3 * 16)  # two substeps of a group
     assert_same(whole, run())
 
 

@@ -23,8 +23,7 @@ INSIDE = {
         "_checks", "_files", "_palette", "_provenance", "cli.common", "compiled.arrays",
         "compiled.jit", "compiled.packs", "experiments.campaign.task", "physics.energy",
         "physics.kernels.dynamics", "physics.kernels.link_terms", "physics.kernels.rk4",
-        "physics.kernels.rk4_derivatives",
-        "physics.kernels.tensions", "physics.memory", "report.outputs", "theory.unstable_modes",
+        "physics.kernels.tensions", "physics.step", "report.outputs", "theory.unstable_modes",
     },
     "paper": {
         "_checks", "_extras", "_files", "_palette", "_threads", "chain.inertia", "cli.common",

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain, ChainParameters
+from npend_gym.chain import Chain
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
-from npend_gym.physics.step import Cut, State, packed, vjp
+from npend_gym.physics.step import Chains, Cut, State, vjp
 from suites.dynamics import many_steps, mujoco_chain, row_of
 from suites.timing import Job, Peers, Row
 
@@ -44,14 +44,14 @@ def rows(peers: Peers) -> Iterator[Row]:
 
 def gradients(chain: Chain, lanes: int, by_parameters: bool) -> Job:
     """Return the job of taking Runge-Kutta steps and gradients back through them."""
-    pack = packed(chain.repeated(1), terms=0)
+    chains = Chains(chain.repeated(1), terms=0)
     q, ones = np.full((lanes, chain.n), np.pi / 4), np.ones((lanes, chain.n))
     state = State(q, 0.0 * q, q[:, :0], np.zeros(0, np.int64))
-    rows = len(ChainParameters._fields) if by_parameters else 0
+    names = ("masses", "lengths", "damping", "gravity") if by_parameters else ()
 
     def run(calls: int) -> None:
         for _ in range(calls):
-            vjp(pack, state, Cut(_H, 1, math.inf), (ones, ones), rows)
+            vjp(chains, state, Cut(_H, 1, math.inf), (ones, ones), names)
 
     return Job(run, lanes)
 
