@@ -152,8 +152,8 @@ def _beside(
 
 
 @styled
-def readings() -> Figure:
-    """Draw what the readings look at, for one bob of a release, and where each completes."""
+def definitions() -> Figure:
+    """Draw what the definitions look at, for one bob of a release, and where each completes."""
     chain, start, bob = Chain.uniform(5), np.pi / 4, 2
     times = np.linspace(0.0, 15.0, 1501)
     motion = simulate(chain, start, 0.0, times)
@@ -167,17 +167,17 @@ def readings() -> Figure:
     )
     figure = Figure(figsize=(7.0, 6.9))
     rows = panels(figure, 4, 1, sharex=True)
-    for axes, (reading, label, signal) in zip(rows, signals, strict=True):
-        period = pseudo_periods(chain, start, reading=reading)[bob]
+    for axes, (definition, label, signal) in zip(rows, signals, strict=True):
+        period = pseudo_periods(chain, start, definition=definition)[bob]
         axes.axhline(0.0, color=BLACK, linewidth=0.6)
         axes.plot(times, signal, color=BLUE)
         axes.set(ylabel=label)
         if np.isnan(period):
-            axes.set_title(f'"{reading}": not completed')
+            axes.set_title(f'"{definition}": not completed')
             continue
         axes.axvline(period, color=ORANGE)
         axes.plot(period, 0.0, "o", color=ORANGE)
-        axes.set_title(f'"{reading}": {period:.4f} s')
+        axes.set_title(f'"{definition}": {period:.4f} s')
     rows[-1].set(xlabel="time since the release [s]", xlim=(0.0, times[-1]))
     figure.align_ylabels(rows)
     return figure
@@ -312,7 +312,7 @@ FIGURES = {
     "swings": swings,
     "conventions": conventions,
     "tensions": tensions,
-    "readings": readings,
+    "definitions": definitions,
     "tolerance": tolerance,
     "noise_and_delay": noise_and_delay,
     "tutorial": tutorial,

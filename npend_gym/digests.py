@@ -18,7 +18,7 @@ from npend_gym.compiled.normal import make_normal
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import starts
-from npend_gym.period import READINGS, pseudo_periods
+from npend_gym.period import DEFINITIONS, pseudo_periods
 from npend_gym.physics import Trajectory, simulate
 
 ENV_STEPS = 120
@@ -117,7 +117,7 @@ def checks() -> dict[str, Callable[[], Iterator[Any]]]:
         "simulate, drag": _motion({}, drag=0.05, quadratic_drag=0.02),
         "simulate, links": _motion({}, **LINKS),
         "simulate, machine": _motion({}, base=Cart(2.0), **LINKS, **MACHINERY),
-        **{f"pseudo-periods, {reading}": _periods(reading) for reading in READINGS},
+        **{f"pseudo-periods, {definition}": _periods(definition) for definition in DEFINITIONS},
         "random numbers": _random_numbers,
         **{f"environment, {mode}": _single(mode) for mode in MODES},
         **{f"vector environment, {mode}": _vector(mode) for mode in MODES},
@@ -137,12 +137,12 @@ def _motion(options: dict[str, Any], **parts: Any) -> Callable[[], Iterator[Any]
     return compute
 
 
-def _periods(reading: str) -> Callable[[], Iterator[Any]]:
+def _periods(definition: str) -> Callable[[], Iterator[Any]]:
     def compute() -> Iterator[Any]:
         for n in (1, 5, 20):
-            yield pseudo_periods(Chain.uniform(n), 0.7, reading=reading)
+            yield pseudo_periods(Chain.uniform(n), 0.7, definition=definition)
         starts = np.outer(np.linspace(0.1, 1.0, 17), np.ones(3))
-        yield pseudo_periods(Chain.uniform(3), starts, reading=reading)
+        yield pseudo_periods(Chain.uniform(3), starts, definition=definition)
 
     return compute
 

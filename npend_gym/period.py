@@ -33,7 +33,7 @@ from npend_gym.physics.mechanism import hanging_angle, in_frame_of_pivot, mechan
 from npend_gym.physics.motion import Motion, pack_of, packs_of
 
 CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM, "horizontal": BOB}
-READINGS = tuple(CODES)
+DEFINITIONS = tuple(CODES)
 _BEYOND = {"bob": AROUND, "com": COM_AROUND}  # what counts where a rod starts beyond 90 degrees
 
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
@@ -46,7 +46,7 @@ def pseudo_periods(
     theta: ArrayLike,
     omega: ArrayLike = 0.0,
     *,
-    reading: str = "bob",
+    definition: str = "bob",
     duration: float | None = None,
     rtol: float = 1e-10,
     threads: int = 1,
@@ -64,7 +64,7 @@ def pseudo_periods(
         Releases are followed side by side, a few times faster than one by one, with the same bits.
         One number stands for all. At rest angles beyond 2 pi are refused, as they are likely to be
         degrees; of a moving chain those that look like degrees bring a warning.
-    reading : {"bob", "link", "height", "com", "horizontal"}
+    definition : {"bob", "link", "height", "com", "horizontal"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
         - "bob": the bob has reversed twice: its horizontal velocity, or its velocity around the
@@ -130,7 +130,7 @@ def pseudo_periods(
     check_chain(chain)
     theta, omega = _starts(chain, theta, omega)
     releases = theta.reshape(-1, chain.n), omega.reshape(-1, chain.n)
-    reading = check_reading(reading)
+    definition = check_definition(definition)
     rtol = check_rtol(rtol)
     threads = check_threads(threads)
     if duration is not None:
@@ -142,7 +142,7 @@ def pseudo_periods(
         duration = _WINDOW * slowest_period(felt)
     mechanism_of([chain]).check_vibrations(duration)
 
-    codes = codes_of(chain, releases[0], reading, pivot_acceleration)
+    codes = codes_of(chain, releases[0], definition, pivot_acceleration)
     periods = np.empty_like(releases[0])
 
     def follow(share: NDArray[np.int64], call: Call) -> None:
@@ -155,12 +155,12 @@ def pseudo_periods(
 
 
 def codes_of(
-    chain: Chain, theta: FloatArray, reading: str, accelerated: ArrayLike | None = None
+    chain: Chain, theta: FloatArray, definition: str, accelerated: ArrayLike | None = None
 ) -> NDArray[np.int64]:
-    """Codes (...) of the coordinate that a reading follows after releases at `theta` (..., n)."""
+    """Codes (...) of what a definition follows after releases at `theta` (..., n)."""
     c = sincos(theta - hanging_angle(chain, accelerated))[1]
     beyond = np.any(chain.lift * c < 0.0, axis=-1)
-    return np.where(beyond, _BEYOND.get(reading, CODES[reading]), CODES[reading])
+    return np.where(beyond, _BEYOND.get(definition, CODES[definition]), CODES[definition])
 
 
 def slowest_period(chain: Chain) -> float:
@@ -174,14 +174,14 @@ def slowest_period(chain: Chain) -> float:
     return period
 
 
-def check_reading(reading: str) -> str:
-    """Return `reading`, which must be one of `READINGS`."""
-    if reading == "listing":
+def check_definition(definition: str) -> str:
+    """Return `definition`, which must be one of `DEFINITIONS`."""
+    if definition == "listing":
         raise ValueError(
-            f'reading must be one of {", ".join(READINGS)}; "listing", the paper\'s own estimator, '
-            "is `listing_periods` in paper/estimator.py of a clone"
+            f'definition must be one of {", ".join(DEFINITIONS)}; "listing", the paper\'s own '
+            "estimator, is `listing_periods` in paper/estimator.py of a clone"
         )
-    return _checks.choice("reading", reading, READINGS)
+    return _checks.choice("definition", definition, DEFINITIONS)
 
 
 def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -215,24 +215,24 @@ def _shares(count: int) -> list[slice]:
 
 
 def _measure(
-    chain: Chain, theta: FloatArray, omega: FloatArray, reading: int, duration: float, rtol: float,
-    accelerated: ArrayLike | None, call: Call,
+    chain: Chain, theta: FloatArray, omega: FloatArray, definition: int, duration: float,
+    rtol: float, accelerated: ArrayLike | None, call: Call,
 ) -> FloatArray:  # fmt: skip
     """Return the pseudo-periods of one release, or of up to WIDTH side by side, (releases, n).
 
-    `reading` is a code. For the centre of mass every bob has that of the chain.
+    `definition` is a code. For the centre of mass every bob has that of the chain.
     """
     count, n = len(theta), chain.n
     lanes = 1 if count == 1 else WIDTH
     # lanes to spare repeat the last release
     theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
-    motion, release = _release(chain, theta, omega, reading, rtol, accelerated)
+    motion, release = _release(chain, theta, omega, definition, rtol, accelerated)
     motion.follow(0.0, duration, release, call)
     return np.broadcast_to(release.record.period.reshape(-1, lanes).T, (lanes, n))[:count]
 
 
 def _release(
-    chain: Chain, theta: FloatArray, omega: FloatArray, reading: int, rtol: float,
+    chain: Chain, theta: FloatArray, omega: FloatArray, definition: int, rtol: float,
     accelerated: ArrayLike | None,
 ) -> tuple[Motion, Release]:  # fmt: skip
     """Return the motion from these states (lanes, n), and what is to be measured of it."""
@@ -243,56 +243,56 @@ def _release(
     if chain.stiffness is not None:
         rods = stretched(chain, states.q[:, -n:])
         per_rod = -np.diff(positions(rods, theta)[..., 1], axis=1, prepend=0.0)
-    if reading in (COM, COM_AROUND):
+    if definition in (COM, COM_AROUND):
         whole = chain.lengths * float(chain.masses.sum())
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
-    elif reading == AROUND:
+    elif definition == AROUND:
         per_rod = np.ones_like(theta)
     settings = {"rtol": rtol, "atol": 1e-2 * rtol}
     motion = pack_of(states, slice(0, lanes), settings, lanes)
-    sides = orientation(rods, theta - hanging_angle(chain, accelerated), reading)
+    sides = orientation(rods, theta - hanging_angle(chain, accelerated), definition)
     record = new_record(innermost(per_rod), innermost(sides))
-    threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, reading, rtol)
+    threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, definition, rtol)
     scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
-    return motion, Release(reading, threshold, record, scratch)
+    return motion, Release(definition, threshold, record, scratch)
 
 
-def orientation(rods: Chain | ChainParameters, theta: FloatArray, reading: int) -> FloatArray:
+def orientation(rods: Chain | ChainParameters, theta: FloatArray, definition: int) -> FloatArray:
     """Return +1 for rods released from positive angles (or from zero), -1 from negative ones.
 
     For the centre of mass (lanes, 1): for the side on which it is. Around the pivot they are over
     the distance of the bob, or of the centre of mass, in a straight chain [m]. There a link that
     rests upright has the other side, from which it falls away.
     """
-    if reading == HEIGHT:
+    if definition == HEIGHT:
         return np.ones_like(theta)
-    if reading == LINK:
+    if definition == LINK:
         side = theta - 2.0 * np.pi * np.round(theta * (0.5 / np.pi))  # no whole turns
-    elif reading in (COM, COM_AROUND):
+    elif definition in (COM, COM_AROUND):
         side = centre_of_mass(rods, theta)[..., :1]
-    elif reading == AROUND:
+    elif definition == AROUND:
         side = np.cumsum(
             np.where(rods.lift < 0.0, -1.0, 1.0) * rods.lengths * sincos(theta)[0], axis=-1
         )
     else:
         side = positions(rods, theta)[..., 0]
-    return np.where(side < 0.0, -1.0, 1.0) / distances(rods, reading)
+    return np.where(side < 0.0, -1.0, 1.0) / distances(rods, definition)
 
 
-def distances(rods: Chain | ChainParameters, reading: int) -> FloatArray | float:
+def distances(rods: Chain | ChainParameters, definition: int) -> FloatArray | float:
     """Return over what velocities around the pivot are taken [m], (n,) or (1,); else 1."""
-    if reading == AROUND:
+    if definition == AROUND:
         return np.cumsum(rods.lengths, axis=-1)
-    if reading == COM_AROUND:
+    if definition == COM_AROUND:
         straight = np.abs(rods.lift).sum(axis=-1, keepdims=True)
         return straight / rods.masses.sum(axis=-1, keepdims=True)
     return 1.0
 
 
-def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> FloatArray:
+def _threshold(chain: Chain, omega: FloatArray, definition: int, rtol: float) -> FloatArray:
     """Return the size [rad/s, m/s or m] above which the sign of a signal counts, (lanes,)."""
-    if reading == HEIGHT:
+    if definition == HEIGHT:
         return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
     mean = float(chain.lengths.mean())
     rate = speed_threshold(np.sqrt(chain.gravity / mean), np.max(np.abs(omega), axis=1))
-    return rate if reading == LINK else rate * mean
+    return rate if definition == LINK else rate * mean

@@ -18,7 +18,7 @@ from npend_gym.chain import Chain, check_chain, plain_keywords
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.experiments.sensing import signals
-from npend_gym.period import AROUND, check_reading, codes_of, pseudo_periods
+from npend_gym.period import AROUND, check_definition, codes_of, pseudo_periods
 from npend_gym.physics import Trajectory, simulate
 from npend_gym.physics.mechanism import AXIAL, PIVOT
 
@@ -39,7 +39,7 @@ class Recording:
     periods: FloatArray
     # at `joint`, or force on the cart, over its limit, from each instant on, (T,); the last repeats
     torque: FloatArray
-    reading: str  # what completes a pseudo-period, see `npend_gym.pseudo_periods`
+    definition: str  # what completes a pseudo-period, see `npend_gym.pseudo_periods`
     caption: str  # what it is, in a few words
     provenance: dict[str, Any]
     joint: int = 0  # whose torque is recorded; 0 is the pivot, n the cart
@@ -47,19 +47,19 @@ class Recording:
     timed: bool = True  # whether pseudo-periods are asked for: of a release
 
     def signals(self) -> FloatArray:
-        """Return the signal of every bob whose changes of sign the reading counts, shape (T, n).
+        """Return the signal of every bob whose changes of sign the definition counts, shape (T, n).
 
         That is the bob's horizontal velocity [m/s], its rod's angular velocity [rad/s], or its
         height above the start [m]. The horizontal velocity of the centre of mass [m/s] is the same
         for all bobs. From a start beyond 90 degrees velocities are those around the pivot.
         """
-        shown = signals(self.motion, self.reading)
+        shown = signals(self.motion, self.definition)
         return np.broadcast_to(shown, self.motion.theta.shape)
 
     @property
     def is_around(self) -> bool:
         """Whether `signals` are velocities around the pivot."""
-        return bool(codes_of(self.motion.chain, self.motion.theta[0], self.reading) >= AROUND)
+        return bool(codes_of(self.motion.chain, self.motion.theta[0], self.definition) >= AROUND)
 
     def cart(self) -> FloatArray:
         """Return where the cart is on its rail [m], shape (T,); zeros where there is none."""
@@ -103,7 +103,7 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
     caption = f"release from {np.degrees(run.start):.3g} degrees, n = {run.n}"
     arguments = experiment.as_dict() | {"n_values": [run.n], "trial": run.trial, "start": run.start}
     return Recording(
-        motion, periods, np.zeros(times.size), experiment.reading, caption,
+        motion, periods, np.zeros(times.size), experiment.definition, caption,
         provenance(arguments, experiment.seed),
     )  # fmt: skip
 
@@ -122,7 +122,7 @@ def record_simulation(
     omega: ArrayLike,
     seconds: float,
     *intervals: float,
-    reading: str = "bob",
+    definition: str = "bob",
 ) -> list[Recording]:
     """Record one motion at each of `intervals`, with the pseudo-periods after a release from rest.
 
@@ -135,7 +135,7 @@ def record_simulation(
         [s]
     *intervals : float
         From instant to instant of a recording [s], one at least.
-    reading : str
+    definition : str
         What completes a pseudo-period.
 
     Returns
@@ -149,7 +149,7 @@ def record_simulation(
         If an argument breaks its rule, or the recordings would be too long to be held.
     """
     seconds, n = _checks.positive_number("duration", seconds), check_chain(chain).n
-    reading = check_reading(reading)
+    definition = check_definition(definition)
     theta, omega = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     if not intervals:
         raise ValueError("intervals must be one or more times between instants [s], got none")
@@ -160,14 +160,14 @@ def record_simulation(
     first, periods = motion.theta[0], np.full(chain.n, np.nan)
     is_release = not motion.omega[0].any() and 0.0 < np.abs(first).max() <= np.pi
     if is_release:
-        periods = pseudo_periods(chain, first, reading=reading, duration=seconds)
+        periods = pseudo_periods(chain, first, definition=definition, duration=seconds)
     caption = f"n = {chain.n}"
     if is_release and np.ptp(first) == 0.0:
         caption = f"release from {np.degrees(first[0]):.3g} degrees, {caption}"
     given = {"chain": chain, "theta": first, "omega": motion.omega[0]}
-    made = provenance(plain_keywords(given | {"seconds": seconds, "reading": reading}))
+    made = provenance(plain_keywords(given | {"seconds": seconds, "definition": definition}))
     shared: dict[str, Any] = {
-        "reading": reading,
+        "definition": definition,
         "caption": caption,
         "provenance": made,
         "timed": is_release,

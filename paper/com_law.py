@@ -126,8 +126,8 @@ class LawGrid:
         chain, angles = Chain.uniform(n), np.ravel(self.amplitudes)
         theta = np.repeat(angles[:, None], n, axis=1)
         bobs, com = (
-            pseudo_periods(chain, theta, reading=reading, rtol=_RTOL, threads=threads)
-            for reading in ("bob", "com")
+            pseudo_periods(chain, theta, definition=definition, rtol=_RTOL, threads=threads)
+            for definition in ("bob", "com")
         )
         t1 = theory.fundamental_period(chain)
         law, small = theory.large_n_com_period(n, angles), theory.com_period(chain, angles)

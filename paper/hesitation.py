@@ -3,8 +3,8 @@
 A release sends a front down the chain, which the free end reflects. At small angles the bobs have
 swung back for long when it returns. From some 0.6 rad on it meets those near the pivot just after
 their first reversal: their velocity falls again before it arrives, below zero in many, which
-completes their pseudo-period (reading "bob") a whole swing early. The velocities are a few percent
-of what they were before: the bobs hesitate.
+completes their pseudo-period (definition "bob") a whole swing early. The velocities are a few
+percent of what they were before: the bobs hesitate.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def hesitation_rows(n_values: Sequence[int], amplitudes: Sequence[float]) -> lis
     -------
     list of dict
         Share of the bobs that complete before 0.8 T1, and earliest, mean and median pseudo-period,
-        reading "bob", over T1. "lowest" is the height over the free end of the lowest bob in the
+        definition "bob", over T1. "lowest" is the height over the free end of the lowest bob in the
         longest group of neighbours that are early, NaN where none is.
     """
     rows: list[dict[str, Any]] = []

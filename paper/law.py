@@ -1,7 +1,7 @@
 """The law that the pseudo-period of a released chain follows, measured and fitted.
 
 N equal rods are released straight at an angle a. The median over the bobs of the pseudo-period
-(reading "bob") follows, from ten bobs and up to 1.2 rad,
+(definition "bob") follows, from ten bobs and up to 1.2 rad,
 
     T(N, a) = c T1(N) [1 + b a^2 / (1 + d a^2)],    T1(N) -> (2/j01) 2 pi sqrt((N + 1/2) l/g),
 
@@ -64,7 +64,7 @@ class Scan:
 def scan(
     n_values: tuple[int, ...] = N_VALUES,
     amplitudes: tuple[float, ...] = AMPLITUDES,
-    reading: str = "bob",
+    definition: str = "bob",
     periods: float = 10.0,
 ) -> Scan:
     """Release chains of 1 m rods from rest at every N and amplitude, and measure all bobs.
@@ -77,7 +77,7 @@ def scan(
         Numbers of rods.
     amplitudes : tuple of float
         Starting angles of all rods [rad].
-    reading : str
+    definition : str
         See `npend_gym.pseudo_periods`.
     periods : float
         A bob that does not complete within this many periods of the slowest mode counts as NaN.
@@ -97,7 +97,7 @@ def scan(
     cells = np.empty((4, len(amplitudes), len(n_values)))
     for column, (n, t1) in enumerate(zip(n_values, fundamental, strict=True)):
         for row, amplitude in enumerate(amplitudes):
-            ratio = _periods(n, amplitude, reading, periods * t1) / t1
+            ratio = _periods(n, amplitude, definition, periods * t1) / t1
             done = ratio[np.isfinite(ratio)]
             some = done if done.size else np.array([np.nan])
             cells[:, row, column] = some.mean(), np.median(some), ratio[-1], done.size / n
@@ -109,9 +109,9 @@ def scan(
 
 
 @cache
-def _periods(n: int, amplitude: float, reading: str, duration: float) -> FloatArray:
+def _periods(n: int, amplitude: float, definition: str, duration: float) -> FloatArray:
     return pseudo_periods(
-        Chain.uniform(n), amplitude, reading=reading, duration=duration, rtol=_RTOL
+        Chain.uniform(n), amplitude, definition=definition, duration=duration, rtol=_RTOL
     )
 
 

@@ -15,7 +15,7 @@ _RTOL = 1e-7  # pseudo-periods right to 1e-4 s and better; the printed errors ha
 
 
 @cache
-def bob_periods(n: int, theta0: float, reading: str = "bob", rods: str = "1 m") -> FloatArray:
+def bob_periods(n: int, theta0: float, definition: str = "bob", rods: str = "1 m") -> FloatArray:
     """Return the pseudo-period [s] of every bob of `n` equal rods released at `theta0` [rad].
 
     NaN where a bob does not complete within 10 s on rods of 1/n m, or 10 sqrt(n) s on rods of 1 m.
@@ -25,14 +25,14 @@ def bob_periods(n: int, theta0: float, reading: str = "bob", rods: str = "1 m") 
     10 s of either chain. On rods of 1/n m the last seconds of chains of some 50 bobs and more are
     chaotic, and heights found there depend on the last digit.
     """
-    if reading == "listing":
+    if definition == "listing":
         chain = Chain.uniform(n, length=1.0 if rods == "1 m" else 1.0 / n)
         periods = listing_periods(chain, theta0, rtol=_RTOL)
     elif rods == "1 m":
         chain, window = Chain.uniform(n), LISTING_DURATION * math.sqrt(n)
-        periods = pseudo_periods(chain, theta0, reading=reading, duration=window, rtol=_RTOL)
+        periods = pseudo_periods(chain, theta0, definition=definition, duration=window, rtol=_RTOL)
     else:
-        periods = bob_periods(n, theta0, reading, "1 m") / math.sqrt(n)
+        periods = bob_periods(n, theta0, definition, "1 m") / math.sqrt(n)
     periods.flags.writeable = False
     return periods
 

@@ -495,7 +495,7 @@ def _torch_step(m: Mechanism) -> None:
 
 def _periods(m: Mechanism) -> None:
     own = _shaken_keywords(m)
-    found = pseudo_periods(m.chain, [0.2, 0.2], reading="link", **own)
+    found = pseudo_periods(m.chain, [0.2, 0.2], definition="link", **own)
     motion = simulate(
         m.chain, [0.2, 0.2], 0.0, [0.0, 6.0], events=Event("angular_velocity", 1, direction=-1),
         **own,

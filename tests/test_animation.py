@@ -233,7 +233,7 @@ def test_torques_that_noise_takes_beyond_their_limit_are_drawn_at_it():
     ("arguments", "shape", "made_by"),
     [
         ("--theta 2,1 --duration 1 --fps 10", (11, 120, 240), {"theta": [2.0, 1.0]}),
-        ("--plain --n 1 --duration 0.2", (6, 120, 120), {"reading": "bob"}),
+        ("--plain --n 1 --duration 0.2", (6, 120, 120), {"definition": "bob"}),
         ("swingup-1 --duration 2", (41, 120, 240), {"policy": "swingup-1"}),
     ],
     ids=["a release", "the chain alone", "a policy"],

@@ -48,7 +48,7 @@ def undisturbed(tmp_path_factory):
 
 
 def test_every_release_of_every_cell_is_in_one_task():
-    plan = CampaignPlan(n=[2, 5], masses=[1.0, 2.0], reading=["bob", "link"], trials=7, batch=10)
+    plan = CampaignPlan(n=[2, 5], masses=[1.0, 2.0], definition=["bob", "link"], trials=7, batch=10)
     tasks = list(plan.tasks())
     assert [k for task in tasks for k in range(task.first, task.last)] == list(range(8 * 7))
     assert len({task.id for task in tasks}) == len(tasks) == plan.task_count
@@ -98,7 +98,7 @@ def test_a_plan_equals_the_plan_that_is_made_from_its_dict():
         ({"gravity": [9.81, np.nan]}, ValueError, "gravity must be finite"),
         ({"gravity": [9.81, -1.0]}, ValueError, "gravity must be zero or more"),
         ({"damping": -1.0}, ValueError, "damping must be zero or more"),
-        ({"reading": ["bob", "eye"]}, ValueError, "reading must be one of"),
+        ({"definition": ["bob", "eye"]}, ValueError, "definition must be one of"),
         ({"trials": 0}, ValueError, "trials must be between"),
         ({"batch": 0}, ValueError, "batch must be between"),
         ({"seed": -1}, ValueError, "seed must be between"),
@@ -184,14 +184,14 @@ def test_times_have_a_unit_that_people_count_in(seconds, text):
 def test_an_estimate_is_of_cells_of_every_kind_and_of_springs_themselves(monkeypatch):
     now, timed = [0.0], []
 
-    def costly(chain, theta, reading, **_options):
+    def costly(chain, theta, definition, **_options):
         timed.append(chain.n)
-        now[0] += len(theta) * {"bob": 1.0, "height": 9.0}[reading]
+        now[0] += len(theta) * {"bob": 1.0, "height": 9.0}[definition]
 
     module = "npend_gym.experiments.campaign.estimate"
     monkeypatch.setattr(f"{module}.time", SimpleNamespace(process_time=lambda: now[0]))
     monkeypatch.setattr(f"{module}.pseudo_periods", costly)
-    plan = CampaignPlan(n=5, reading=["bob", "height"], trials=10)
+    plan = CampaignPlan(n=5, definition=["bob", "height"], trials=10)
     assert estimate(plan).seconds == pytest.approx(10 * (1.0 + 9.0))
     for stiffness, rods in ((None, 20), (1e4, 30)):
         estimate(CampaignPlan(chain=Chain.uniform(30, stiffness=stiffness), trials=10))

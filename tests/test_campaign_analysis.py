@@ -290,7 +290,7 @@ def test_cells_that_have_no_slowest_mode_are_no_reason_for_more_cells(parts, tmp
 
 
 def test_the_fitted_limit_of_the_centre_of_mass_is_the_exact_one(tmp_path):
-    plan = CampaignPlan(n=[2, 12, 24], amplitude=AMPLITUDES, spread=0.0, trials=1, reading="com")
+    plan = CampaignPlan(n=[2, 12, 24], amplitude=AMPLITUDES, spread=0.0, trials=1, definition="com")
     completed(plan, tmp_path)
     (group,) = analyse(tmp_path).groups
     assert [law.n_values for law in group.laws] == [(12, 24), (2,), (12,), (24,)]

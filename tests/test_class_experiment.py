@@ -55,7 +55,7 @@ def analysed(folder, seed):
 
 @pytest.mark.long
 def test_a_class_measures_the_period_to_three_parts_in_a_thousand(tmp_path):
-    true = pseudo_periods(ball_chain.BALLS, ball_chain.held_angles(), reading="com")[0]
+    true = pseudo_periods(ball_chain.BALLS, ball_chain.held_angles(), definition="com")[0]
     names = [analysed(tmp_path, seed) for seed in range(100, 130)]
     errors = np.array([each["mean"] for each in names]) / true - 1.0
     assert 0.001 < np.sqrt(np.mean(errors**2)) < 0.004
@@ -83,7 +83,7 @@ def test_a_wrong_zero_moves_the_period_by_it_times_the_period_over_the_force(tmp
 def test_angle_length_and_air_change_the_period_as_the_page_says():
     def period(angle, length=0.5, **fluid):
         chain = ball_chain.Chain.spheres(10, 0.010, length / 10, 7800.0, **fluid)
-        return pseudo_periods(chain, np.radians(angle), reading="com")[0]
+        return pseudo_periods(chain, np.radians(angle), definition="com")[0]
 
     steel = period(45.0)
     assert period(60.0) / period(20.0) - 1.0 == pytest.approx(0.06, abs=0.005)

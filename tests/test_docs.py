@@ -86,7 +86,7 @@ def test_the_reference_has_every_public_name(face):
 
 
 @pytest.mark.parametrize(
-    "name", ["conventions", "tensions", "readings", "tutorial", "class_experiment"]
+    "name", ["conventions", "tensions", "definitions", "tutorial", "class_experiment"]
 )
 def test_figures_of_the_pages_are_drawn(name):
     figure = script_of_docs("figures").FIGURES[name]()

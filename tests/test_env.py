@@ -137,7 +137,7 @@ def test_passive_mode_measures_the_pseudo_periods_of_the_release(kind):
     np.testing.assert_allclose(info["pseudo_periods"][done], expected[done], rtol=0, atol=1e-6)
     assert not info["pseudo_periods"][~done].any()
     assert info["pseudo_period"] == pytest.approx(expected[done].mean(), abs=1e-6)
-    of_com = pseudo_periods(chain, *start, reading="com", duration=10.0)[0]
+    of_com = pseudo_periods(chain, *start, definition="com", duration=10.0)[0]
     assert info["pseudo_period_com"] == pytest.approx(of_com, abs=1e-6)
 
 

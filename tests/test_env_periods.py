@@ -97,9 +97,9 @@ def test_a_task_with_motors_that_do_nothing_measures_the_periods_of_a_release(ba
     env.reset(seed=0, options={"theta": 0.5})
     for _ in range(390):
         info = env.step(np.zeros(env.action_space.shape, np.float32))[-1]
-    for key, reading in (("pseudo_periods", "bob"), ("pseudo_period_com", "com")):
-        expected = pseudo_periods(chain, 0.5, reading=reading)
-        expected = expected if reading == "bob" else expected[0]
+    for key, definition in (("pseudo_periods", "bob"), ("pseudo_period_com", "com")):
+        expected = pseudo_periods(chain, 0.5, definition=definition)
+        expected = expected if definition == "bob" else expected[0]
         np.testing.assert_allclose(info[key] - expected, 0.0, rtol=0.0, atol=1e-6)
     assert np.all(info["bobs_completed"] == 2)
 

@@ -89,7 +89,7 @@ CASES = [
     (periods, "chain", (None, 3)),
     (periods, "theta", (*NO_ARRAYS, None, 1e6, np.zeros((2, 3)), np.zeros((0, 2)))),
     (periods, "omega", (*NO_ARRAYS, None, 1e7, np.zeros((2, 3)), np.zeros((0, 2)))),
-    (periods, "reading", NO_CHOICES),
+    (periods, "definition", NO_CHOICES),
     (periods, "duration", NO_POSITIVES),
     (periods, "rtol", (*NO_NUMBERS, None, 0.0)),
     (periods, "threads", (*NO_COUNTS, 10**9)),
@@ -161,7 +161,7 @@ LINES = [
         "lengths": ("0", "1,2", "1e300"),
         "gravity": ("nan", "-9.81", "1e300"),
         "damping": ("-1", "nan", "1,2,3"),
-        "reading": ("rod", ""),
+        "definition": ("rod", ""),
     }.items()
     for value in values
 ] + [("chaos all", "all"), ("verify --jsn", "jsn")]

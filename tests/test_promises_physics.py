@@ -50,17 +50,17 @@ def test_a_mode_has_the_period_of_its_frequency(n):
     frequencies, modes = theory.normal_modes(chain)
     for k in range(n):
         shape = 1e-4 * modes[:, k]
-        periods = pseudo_periods(chain, shape, reading="link")
+        periods = pseudo_periods(chain, shape, definition="link")
         # a rod's speed falls, rises and falls: in a mode, one period from rest
         known = periods[np.isfinite(periods)]
         assert known.size
         np.testing.assert_allclose(known, 2.0 * np.pi / frequencies[k], rtol=1e-6)
 
 
-@pytest.mark.parametrize("reading", ["bob", "link"])
-def test_a_bob_that_goes_over_the_top_for_ever_has_no_period_of_its_rod(reading):
-    periods = pseudo_periods(Chain.uniform(1), 0.1, 10.0, reading=reading, duration=20.0)
-    if reading == "link":  # the rod never turns back
+@pytest.mark.parametrize("definition", ["bob", "link"])
+def test_a_bob_that_goes_over_the_top_for_ever_has_no_period_of_its_rod(definition):
+    periods = pseudo_periods(Chain.uniform(1), 0.1, 10.0, definition=definition, duration=20.0)
+    if definition == "link":  # the rod never turns back
         assert np.isnan(periods).all()
     else:  # the bob's horizontal velocity reverses twice in each turn, at the top and the sides
         path = simulate(Chain.uniform(1), 0.1, 10.0, np.linspace(0.0, 2.0, 20001))

@@ -33,15 +33,15 @@ def test_a_recording_ends_at_its_end_or_at_the_next_instant(interval, last):
     assert times[-1] == pytest.approx(last, abs=1e-12)
 
 
-@pytest.mark.parametrize("reading", ["bob", "link", "height"])
-def test_the_signal_vanishes_where_a_pseudo_period_completes(reading):
-    recording = recorded(interval=0.005, reading=reading, amplitude=0.5)
+@pytest.mark.parametrize("definition", ["bob", "link", "height"])
+def test_the_signal_vanishes_where_a_pseudo_period_completes(definition):
+    recording = recorded(interval=0.005, definition=definition, amplitude=0.5)
     signals, times = recording.signals(), recording.motion.times
     for bob in np.flatnonzero(np.isfinite(recording.periods)):
         after = np.searchsorted(times, recording.periods[bob])
         before, then = signals[after - 1 : after + 1, bob] / np.abs(signals[:, bob]).max()
         # a height may only touch that of the start
-        assert before * then <= 0.0 or (reading == "height" and abs(before) < 1e-3)
+        assert before * then <= 0.0 or (definition == "height" and abs(before) < 1e-3)
 
 
 def test_turning_points_lie_where_the_bobs_are_at_that_instant():
@@ -172,7 +172,7 @@ def simulated(theta=0.5, omega=0.0, **more):
         (recorded, {"interval": 1e-9}, "a recording must hold at most"),
         (simulated, {"theta": np.ones((2, 1))}, "theta must"),
         (simulated, {"omega": [1.0, 2.0]}, "omega must"),
-        (simulated, {"reading": "foo", "omega": 1.0}, "reading must be one of"),
+        (simulated, {"definition": "foo", "omega": 1.0}, "definition must be one of"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused(record, change, message):

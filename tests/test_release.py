@@ -60,7 +60,7 @@ def test_the_tidy_table_has_a_row_for_every_bob_and_trial(runs):
         "bob": 1,
         "completed": True,
         "pseudo_period_s": runs[0].periods[0],
-        "com_s": pseudo_periods(Chain.uniform(2), runs[0].start, reading="com")[0],
+        "com_s": pseudo_periods(Chain.uniform(2), runs[0].start, definition="com")[0],
     }
 
 
@@ -179,7 +179,7 @@ def test_the_figure_of_bobs_shows_legend_dots_and_bobs_whole_for_a_single_n(n):
         ({"amplitude": 0.0}, ValueError, "amplitude must not be 0"),
         ({"amplitude": 3.14}, ValueError, "must stay within pi"),
         ({"seed": -1}, ValueError, "seed must be between"),
-        ({"reading": "x"}, ValueError, "reading must be one of"),
+        ({"definition": "x"}, ValueError, "definition must be one of"),
         ({"lengths": [1.0, 2.0]}, ValueError, "lengths must be one number or 5 of them"),
         (
             {"n_values": [2, 3], "masses": [1.0, 2.0]},
@@ -270,10 +270,10 @@ def test_an_experiment_with_many_numbers_of_rods_is_described_at_once(monkeypatc
     assert len(made) == 3
 
 
-@pytest.mark.parametrize("reading", ["bob", "com", "link"])
-def test_no_percent_of_error_is_half_a_swing_beyond_a_right_angle(reading, capsys):
+@pytest.mark.parametrize("definition", ["bob", "com", "link"])
+def test_no_percent_of_error_is_half_a_swing_beyond_a_right_angle(definition, capsys):
     command = ["release", "-n", "1", "-a", "179deg", "-t", "1", "--spread", "0", "--json"]
-    assert main([*command, "--reading", reading]) == 0
+    assert main([*command, "--definition", definition]) == 0
     row = json.loads(capsys.readouterr().out)["summary"][0]
     small = 2.0 * np.pi * np.sqrt(1.0 / STANDARD_GRAVITY)
     exact = small * 2.0 / np.pi * ellipk(np.sin(np.radians(179.0) / 2.0) ** 2)
@@ -290,7 +290,7 @@ def test_titles_of_figures_say_degrees(runs):
 
 
 @pytest.mark.parametrize(
-    ("reading", "amplitude", "said"),
+    ("definition", "amplitude", "said"),
     [
         ("bob", 2.0, "beyond 90 degrees: bobs and com reverse around the pivot"),
         ("com", -2.0, "beyond 90 degrees: bobs and com reverse around the pivot"),
@@ -298,10 +298,10 @@ def test_titles_of_figures_say_degrees(runs):
         ("height", 0.5, "one pendulum is back at its height after half of its period"),
     ],
 )
-def test_the_table_says_which_reading_is_no_whole_swing(reading, amplitude, said):
-    plan = ReleaseExperiment(n_values=[1], amplitude=amplitude, reading=reading)
+def test_the_table_says_which_definition_is_no_whole_swing(definition, amplitude, said):
+    plan = ReleaseExperiment(n_values=[1], amplitude=amplitude, definition=definition)
     assert said in report.legend(plan)
-    small = ReleaseExperiment(n_values=[1], reading="bob")
+    small = ReleaseExperiment(n_values=[1], definition="bob")
     assert report.legend(small).endswith("between these two")
 
 

@@ -48,8 +48,8 @@ def test_one_body_has_the_period_of_the_physical_pendulum(centre, length):
     chain = Chain(mass, [length], centres=centre, inertias=inertia, friction=1e-30)
     small = 2.0 * np.pi * np.sqrt((inertia + mass * centre**2) / (mass * chain.gravity * centre))
     exact = small * 2.0 / np.pi * ellipk(np.sin(0.5 * amplitude) ** 2)
-    for reading, part in (("bob", 1.0), ("link", 1.0), ("height", 0.5)):
-        periods = pseudo_periods(chain, amplitude, reading=reading)
+    for definition, part in (("bob", 1.0), ("link", 1.0), ("height", 0.5)):
+        periods = pseudo_periods(chain, amplitude, definition=definition)
         np.testing.assert_allclose(periods, part * exact, rtol=1e-9)
 
 
@@ -105,7 +105,7 @@ def test_a_campaign_of_a_chain_measures_it_and_keeps_it(tmp_path):
     assert Chain.from_dict(json.loads(cells["chain"][0].as_py())) == CHAIN
     assert cells["ideal_s"].to_pylist() == [None] * 4
     (group,) = analyse(tmp_path).groups
-    assert group.label == f"chain {NAME}, reading bob"
+    assert group.label == f"chain {NAME}, definition bob"
     assert group.laws[0].exact is None
 
 

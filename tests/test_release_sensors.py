@@ -21,17 +21,17 @@ def sensed(n=1, **keywords):
     return measure(plan, *plan.runs()[0])
 
 
-@pytest.mark.parametrize("reading", ["bob", "link", "com"])
-def test_samples_of_an_ideal_sensor_approach_the_exact_instants(reading):
-    exact = pseudo_periods(Chain.uniform(5), A, reading=reading)
+@pytest.mark.parametrize("definition", ["bob", "link", "com"])
+def test_samples_of_an_ideal_sensor_approach_the_exact_instants(definition):
+    exact = pseudo_periods(Chain.uniform(5), A, definition=definition)
     for interval in (0.02, 0.01, 0.005, 0.0025):  # a line between samples errs by u'' dt^2 / 8 u'
-        away = np.abs(sensed(5, reading=reading, sensor_interval=interval).periods - exact)
+        away = np.abs(sensed(5, definition=definition, sensor_interval=interval).periods - exact)
         assert away.max() < 3.0 * interval**2
 
 
 @pytest.mark.parametrize("start", [0.5, -0.5])
 @pytest.mark.parametrize(
-    ("reading", "chain"),
+    ("definition", "chain"),
     [
         ("height", Chain.uniform(5)),
         ("height", Chain([1.0, 1.0], [1.0, 1.0], centres=[-0.5, 1.0], inertias=[1.0, 0.0])),
@@ -39,9 +39,11 @@ def test_samples_of_an_ideal_sensor_approach_the_exact_instants(reading):
     ],
     ids=["heights", "a bob that first rises", "a centre of mass opposite to the angle"],
 )
-def test_samples_are_read_on_the_side_of_the_exact_reading(reading, chain, start):
-    exact = pseudo_periods(chain, start, reading=reading)
-    run = sensed(chain.n, chain=chain, amplitude=start, reading=reading, sensor_interval=0.002)
+def test_samples_are_read_on_the_side_of_the_exact_reading(definition, chain, start):
+    exact = pseudo_periods(chain, start, definition=definition)
+    run = sensed(
+        chain.n, chain=chain, amplitude=start, definition=definition, sensor_interval=0.002
+    )
     np.testing.assert_allclose(run.periods, exact, atol=1e-5)
 
 
@@ -64,7 +66,7 @@ def test_an_offset_moves_zeros_alternately_and_no_full_swing():
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_pseudo_period_of_a_gyroscope_is_late_by_its_offset_over_the_acceleration(side):
     exact = 4.0 / np.sqrt(G) * ellipk(np.sin(A / 2.0) ** 2)
-    keywords = {"amplitude": side * A, "reading": "link", "sensor_interval": 1e-3}
+    keywords = {"amplitude": side * A, "definition": "link", "sensor_interval": 1e-3}
     for offset, scale in ((0.01, 1.0), (0.01, 1.05), (-0.02, 0.9)):
         run = sensed(**keywords, sensor_offset=offset, sensor_scale=scale)
         late = side * offset / scale / (G * np.sin(A))  # it turns where the angle is the first
@@ -74,10 +76,10 @@ def test_the_pseudo_period_of_a_gyroscope_is_late_by_its_offset_over_the_acceler
     assert alone == pytest.approx(exact, abs=1e-8)  # no scale moves a zero
 
 
-@pytest.mark.parametrize("reading", ["bob", "link", "com"])
-def test_a_sensor_in_another_unit_finds_the_same_pseudo_periods(reading):
+@pytest.mark.parametrize("definition", ["bob", "link", "com"])
+def test_a_sensor_in_another_unit_finds_the_same_pseudo_periods(definition):
     volts, millivolts = (
-        sensed(20, reading=reading, sensor_interval=0.01, sensor_scale=scale).periods
+        sensed(20, definition=definition, sensor_interval=0.01, sensor_scale=scale).periods
         for scale in (2.0**-20, 1.0)
     )
     np.testing.assert_allclose(volts, millivolts, rtol=1e-12)
@@ -85,11 +87,11 @@ def test_a_sensor_in_another_unit_finds_the_same_pseudo_periods(reading):
 
 def test_the_centre_of_mass_is_late_by_the_offset_over_its_acceleration():
     chain = Chain.uniform(4)
-    exact = pseudo_periods(chain, A, reading="com")[0]
+    exact = pseudo_periods(chain, A, definition="com")[0]
     motion = simulate(chain, A, 0.0, [0.0, exact])
     theta, omega = motion.theta[-1], motion.omega[-1]
     force = -physics.tensions(chain, theta, omega)[0] * np.sin(theta[0])  # of the pivot
-    run = sensed(4, reading="com", sensor_interval=1e-3, sensor_offset=0.01)
+    run = sensed(4, definition="com", sensor_interval=1e-3, sensor_offset=0.01)
     assert run.com - exact == pytest.approx(-0.01 / (force / 4.0), rel=1e-2)
     np.testing.assert_array_equal(run.periods, run.com)
 
@@ -101,7 +103,7 @@ def test_a_scale_moves_the_return_to_a_height():
     k = np.sin(A / 2.0)
     phi = np.arcsin(np.sin(back / 2.0) / k)
     expected = (ellipk(k**2) + ellipkinc(phi, k**2)) / np.sqrt(G)
-    run = sensed(reading="height", sensor_interval=1e-3, sensor_scale=scale)
+    run = sensed(definition="height", sensor_interval=1e-3, sensor_scale=scale)
     assert run.periods[0] == pytest.approx(expected, abs=1e-6)
 
 
@@ -123,7 +125,7 @@ def test_a_scale_is_that_of_the_height_above_rest(chain, rest):
         next(t for t, way in crossings(times, one, 1e-9) if way == wanted)
         for one, wanted in zip(shown.T, ways, strict=True)
     ]
-    keywords = {"reading": "height", "sensor_interval": 1e-3, "sensor_scale": 1.2}
+    keywords = {"definition": "height", "sensor_interval": 1e-3, "sensor_scale": 1.2}
     run = sensed(chain.n, chain=chain, duration=3.999, **keywords)
     np.testing.assert_allclose(run.periods, back, rtol=1e-9)
 
@@ -133,7 +135,7 @@ def test_noise_scatters_the_period_as_a_line_through_the_samples_does():
     # m samples within +- 5 s of the zero, one every dt on the slope a, give s / (a sqrt(m))
     noise, interval, trials = 0.05, 0.002, 400
     plan = ReleaseExperiment(
-        n_values=[1], trials=trials, amplitude=A, spread=0.0, reading="link",
+        n_values=[1], trials=trials, amplitude=A, spread=0.0, definition="link",
         sensor_interval=interval, sensor_noise=noise,
     )  # fmt: skip
     periods = np.array([run.periods[0] for run in run_release(plan)])
@@ -154,7 +156,7 @@ def test_noise_depends_on_seed_and_trial_and_not_on_the_window():
 
 def test_nothing_completes_without_gravity_or_where_a_height_is_only_touched():
     assert np.isnan(sensed(2, gravity=0.0, sensor_interval=0.01).periods).all()
-    assert np.isnan(sensed(reading="height", sensor_interval=0.002).periods[0])
+    assert np.isnan(sensed(definition="height", sensor_interval=0.002).periods[0])
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def test_small_releases_of_two_turn_where_two_sines_cancel():
 
 
 def measured_com(chain, angle):
-    return pseudo_periods(chain, angle, reading="com", rtol=1e-12)[0]
+    return pseudo_periods(chain, angle, definition="com", rtol=1e-12)[0]
 
 
 @pytest.mark.parametrize("n", [2, 3, 5, 20])

@@ -239,12 +239,15 @@ def test_a_mirrored_release_on_springs_is_the_mirror_image_to_the_last_bit(uneve
     np.testing.assert_array_equal(right.stretch, left.stretch)
 
 
-@pytest.mark.parametrize("reading", ["bob", "link", "height", "com"])
-def test_periods_on_stiff_springs_come_to_those_on_rigid_rods_as_one_over_stiffness(reading):
+@pytest.mark.parametrize("definition", ["bob", "link", "height", "com"])
+def test_periods_on_stiff_springs_come_to_those_on_rigid_rods_as_one_over_stiffness(definition):
     chain = Chain.uniform(3)
-    rigid = pseudo_periods(chain, 0.5, reading=reading)
+    rigid = pseudo_periods(chain, 0.5, definition=definition)
     gaps = [1e6, 1e7] * np.transpose(
-        [pseudo_periods(on_springs(chain, k), 0.5, reading=reading) - rigid for k in (1e6, 1e7)]
+        [
+            pseudo_periods(on_springs(chain, k), 0.5, definition=definition) - rigid
+            for k in (1e6, 1e7)
+        ]
     )
     np.testing.assert_allclose(gaps[:, 0], gaps[:, 1], rtol=0.01)
 

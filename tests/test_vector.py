@@ -190,7 +190,7 @@ def test_the_pseudo_period_is_zero_until_a_bob_has_completed_and_its_mask_is_tru
     for name in ("pseudo_period", "pseudo_periods", "pseudo_period_com"):
         assert info[f"_{name}"].tolist() == [True, True]
         assert not info[name][1].any()
-        expected = pseudo_periods(chain, 0.5, reading="com" if "com" in name else "bob")
+        expected = pseudo_periods(chain, 0.5, definition="com" if "com" in name else "bob")
         np.testing.assert_allclose(info[name][0], expected.mean(), rtol=0.0, atol=1e-6)
     assert info["_time"].all()
 

@@ -39,7 +39,7 @@ FILLS: dict[str, Any] = {
     "npend_gym.cli.evaluate:run": ("trust",),
     "npend_gym.report.animation:Film": ("fps", "speed", "size"),
     "npend_gym.experiments.release:ReleaseExperiment": (
-        "reading", "masses", "lengths", "gravity", "damping", "chain",
+        "definition", "masses", "lengths", "gravity", "damping", "chain",
     ),
 }  # fmt: skip
 
@@ -150,7 +150,7 @@ def _of_chain(
     theta: Sequence[float] = (_ANGLE,),
     omega: float | Sequence[float] = 0.0,
     duration: float | None = None,
-    reading: str = "bob",
+    definition: str = "bob",
     **described: Any,
 ) -> Callable[..., list[Recording]]:
     """Recorder of the motion of a chain at intervals [s]."""
@@ -165,10 +165,10 @@ def _of_chain(
         most = max(map(np.size, each))
         n = most if most > 1 else _RODS
     numbers = {} if n is None else {"n_values": [n]}
-    experiment = ReleaseExperiment(trials=1, reading=reading, **numbers, **described)
+    experiment = ReleaseExperiment(trials=1, definition=definition, **numbers, **described)
     chain = experiment.chain_of(experiment.n_values[0])
     seconds = _SECONDS if duration is None else duration
-    return partial(record_simulation, chain, angles, omega, seconds, reading=reading)
+    return partial(record_simulation, chain, angles, omega, seconds, definition=definition)
 
 
 def _of_policy(

@@ -71,12 +71,12 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
         when="measure_periods",
     )]]  # fmt: skip
     pseudo_periods: NotRequired[Annotated[FloatArray, Key(
-        "s", 'with `measure_periods`: pseudo-period of each bob, shape (n,), in the reading "bob" '
-        "of `npend_gym.pseudo_periods`; 0.0 where not complete",
+        "s", "with `measure_periods`: pseudo-period of each bob, shape (n,), by the definition "
+        '"bob" of `npend_gym.pseudo_periods`; 0.0 where not complete',
         when="measure_periods",
     )]]  # fmt: skip
     pseudo_period_com: NotRequired[Annotated[_Real, Key(
-        "s", "with `measure_periods`: pseudo-period of the chain's centre of mass, the reading "
+        "s", "with `measure_periods`: pseudo-period of the chain's centre of mass, the definition "
         '"com" of `npend_gym.pseudo_periods`; 0.0 where not complete. On a cart: relative to it',
         when="measure_periods",
     )]]  # fmt: skip

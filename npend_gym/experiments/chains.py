@@ -115,7 +115,7 @@ def swept_values(name: str, value: Any) -> tuple[Any, ...]:
         values = tuple(_checks.count(name, value) for value in values)
     elif name in ("masses", "lengths"):
         values = tuple(_per_rod(name, value) for value in values)
-    elif name != "reading":
+    elif name != "definition":
         values = tuple(_checks.number(name, value) + 0.0 for value in values)  # no -0.0
     seen: set[str] = set()
     for one in values:

@@ -23,7 +23,7 @@ from npend_gym.experiments.chains import (
     take_count,
 )
 from npend_gym.experiments.sensing import Sensor, sensed_periods
-from npend_gym.period import check_reading, pseudo_periods
+from npend_gym.period import check_definition, pseudo_periods
 
 PAPER_N = (5, 10, 20, 100)
 PAPER_AMPLITUDE = math.pi / 4  # rad
@@ -53,7 +53,7 @@ class ReleaseExperiment:
         draws with the seed `seed` + t - 1, for every n.
     duration : float, optional
         Time for which a release is observed [s]; by default long enough for every bob.
-    reading : str
+    definition : str
         What completes a pseudo-period: "bob", "link", "height", "com" or "horizontal". See
         `npend_gym.pseudo_periods`.
     masses : float or sequence
@@ -69,7 +69,7 @@ class ReleaseExperiment:
         `Chain`, the dict of its parameters, a preset's name, or a JSON file.
     sensor_interval : float
         Time between two samples of a sensor [s], the first at the release. At 0 there is no
-        sensor: instants are exact. What it measures depends on the reading. It is the horizontal
+        sensor: instants are exact. What it measures depends on the definition. It is the horizontal
         velocity of the bob or of the centre of mass [m/s], from beyond 90 degrees the one around
         the pivot. It is the height of the bob above where it hangs [m], or for "link" the angular
         velocity of the rod [rad/s], as of a gyroscope.
@@ -94,7 +94,7 @@ class ReleaseExperiment:
     spread: float = PAPER_SPREAD
     seed: int = 0
     duration: float | None = None
-    reading: str = "bob"
+    definition: str = "bob"
     masses: ArrayLike = 1.0
     lengths: ArrayLike = 1.0
     gravity: float = STANDARD_GRAVITY
@@ -110,7 +110,7 @@ class ReleaseExperiment:
         take_count(self, "trials", high=MAX_TRIALS_PER_N)
         take_count(self, "seed", low=0, high=2**63 - 1)
         _checks.number("damping", self.damping)
-        check_reading(self.reading)
+        check_definition(self.definition)
         self.sensor.check()
         amplitude = abs(_checks.number("amplitude", self.amplitude))
         spread = _checks.nonnegative_number("spread", self.spread)
@@ -216,8 +216,8 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
 class Run:
     """One release: the pseudo-period of every bob [s], NaN where it did not complete.
 
-    `com` is that of the centre of mass, the reading "com", whatever that of the bobs. A sensor
-    measures the reading of the bobs only, so `com` is exact for another reading than "com".
+    `com` is that of the centre of mass, the definition "com", whatever that of the bobs. A sensor
+    measures the definition of the bobs only, so `com` is exact for another definition than "com".
     """
 
     n: int
@@ -245,13 +245,13 @@ def measure(experiment: ReleaseExperiment, n: int, trial: int, start: float) -> 
     """
     chain, window, sensor = experiment.chain_of(n), experiment.duration, experiment.sensor
 
-    def periods(reading: str) -> FloatArray:
-        if sensor.interval > 0.0 and reading == experiment.reading:
+    def periods(definition: str) -> FloatArray:
+        if sensor.interval > 0.0 and definition == experiment.definition:
             seed = experiment.seed + trial - 1
-            return sensed_periods(chain, start, reading, sensor, window, seed)
-        return pseudo_periods(chain, start, reading=reading, duration=window)
+            return sensed_periods(chain, start, definition, sensor, window, seed)
+        return pseudo_periods(chain, start, definition=definition, duration=window)
 
-    return Run(n, trial, start, periods(experiment.reading), float(periods("com")[0]))
+    return Run(n, trial, start, periods(experiment.definition), float(periods("com")[0]))
 
 
 def run_release(

@@ -24,7 +24,7 @@ _MOST_SAMPLES = 20_000_000  # of all bobs in one release: 160 MB
 
 
 class Sensor(NamedTuple):
-    """What shows the signal of a reading, with its errors.
+    """What shows the signal of a definition, with its errors.
 
     Of a signal s it shows scale * s + offset + noise.
     """
@@ -53,12 +53,13 @@ class Sensor(NamedTuple):
 
 
 def sensed_periods(
-    chain: Chain, start: float, reading: str, sensor: Sensor, duration: float | None, seed: int
+    chain: Chain, start: float, definition: str, sensor: Sensor, duration: float | None, seed: int
 ) -> FloatArray:
     """Return the pseudo-periods [s] that the samples of a sensor give, shape (n,).
 
-    The chain is released from rest, with all rods at `start` [rad]. Reading and duration are those
-    of `npend_gym.pseudo_periods`; for "com" all entries are the same. `seed` is that of the noise.
+    The chain is released from rest, with all rods at `start` [rad]. Definition and duration are
+    those of `npend_gym.pseudo_periods`; for "com" all entries are the same. `seed` is that of the
+    noise.
     """
     n, periods = chain.n, np.full(chain.n, math.nan)
     if chain.gravity == 0.0:
@@ -77,16 +78,16 @@ def sensed_periods(
             )
         times: FloatArray = sensor.interval * np.arange(math.floor(window / sensor.interval) + 1.0)
         motion = simulate(chain, start, 0.0, times)
-        signal = signals(motion, reading)
-        shown = _shown(motion, signal, reading, sensor, seed)
-        threshold = max(sensor.scale * _least(chain, reading), _DEVIATIONS * sensor.noise)
-        code = int(codes_of(chain, motion.theta[0], reading))
+        signal = signals(motion, definition)
+        shown = _shown(motion, signal, definition, sensor, seed)
+        threshold = max(sensor.scale * _least(chain, definition), _DEVIATIONS * sensor.noise)
+        code = int(codes_of(chain, motion.theta[0], definition))
         sides = np.sign(orientation(chain, motion.theta[0], code))
-        if reading == "height":  # a bob that first rises is back on its way down
+        if definition == "height":  # a bob that first rises is back on its way down
             first = np.argmax(np.abs(signal) > threshold / sensor.scale, axis=0)
             sides = np.where(signal[first, np.arange(n)] > 0.0, -1.0, 1.0)
-        periods[:] = [  # one for all bobs, where the reading is that of the chain
-            _completed(crossings(times, side * one, threshold), reading)
+        periods[:] = [  # one for all bobs, where the definition is that of the chain
+            _completed(crossings(times, side * one, threshold), definition)
             for side, one in zip(sides, shown.T, strict=True)
         ]
         if np.all(np.isfinite(periods)):
@@ -94,28 +95,28 @@ def sensed_periods(
     return periods
 
 
-def signals(motion: Trajectory, reading: str) -> FloatArray:
-    """Return the signal of every bob whose changes of sign a reading counts, shape (T, n).
+def signals(motion: Trajectory, definition: str) -> FloatArray:
+    """Return the signal of every bob whose changes of sign a definition counts, shape (T, n).
 
     That is the bob's horizontal velocity [m/s], its rod's angular velocity [rad/s], or its height
     above the start [m]. For "com" it is the horizontal velocity of the centre of mass [m/s],
     shape (T, 1). From a start beyond 90 degrees velocities around the pivot replace horizontal
     ones, see `npend_gym.pseudo_periods`.
     """
-    chain, code = motion.chain, int(codes_of(motion.chain, motion.theta[0], reading))
-    if code != CODES[reading]:
+    chain, code = motion.chain, int(codes_of(motion.chain, motion.theta[0], definition))
+    if code != CODES[definition]:
         places, velocities = motion.positions(), motion.velocities()
-        if reading == "com":
+        if definition == "com":
             shares = (chain.lift / chain.lengths)[:, None] / chain.masses.sum()
             ends = (np.diff(each, axis=1, prepend=0.0) for each in (places, velocities))
             places, velocities = ((shares * each).sum(axis=1, keepdims=True) for each in ends)
         turned = places[..., 0] * velocities[..., 1] - places[..., 1] * velocities[..., 0]
         return turned / distances(chain, code)
-    if reading in ("bob", "horizontal"):
+    if definition in ("bob", "horizontal"):
         return motion.velocities()[..., 0]
-    if reading == "link":
+    if definition == "link":
         return motion.omega
-    if reading == "height":
+    if definition == "height":
         height = motion.positions()[..., 1]
         return height - height[0]
     if chain.stiffness is None:
@@ -126,11 +127,11 @@ def signals(motion: Trajectory, reading: str) -> FloatArray:
 
 
 def _shown(
-    motion: Trajectory, signal: FloatArray, reading: str, sensor: Sensor, seed: int
+    motion: Trajectory, signal: FloatArray, definition: str, sensor: Sensor, seed: int
 ) -> FloatArray:
     """Reading of the sensor for a motion; a height is measured from where the bob rests."""
     hanging, chain = 0.0, motion.chain
-    if reading == "height":
+    if definition == "height":
         lengths = chain.lengths
         if chain.stiffness is not None:
             lengths = lengths + chain.gravity * chain.carried_masses / chain.stiffness
@@ -146,13 +147,13 @@ def _shown(
     return shown + sensor.noise * np.hstack([first, second])[:, : signal.shape[1]]
 
 
-def _least(chain: Chain, reading: str) -> float:
+def _least(chain: Chain, definition: str) -> float:
     """Return the size above which a sign counts without noise, as `npend_gym.pseudo_periods`."""
     mean = float(chain.lengths.mean())
-    if reading == "height":
+    if definition == "height":
         return 1e-9 * chain.total_length
     rate = float(speed_threshold(math.sqrt(chain.gravity / mean), 0.0))
-    return rate if reading == "link" else rate * mean
+    return rate if definition == "link" else rate * mean
 
 
 def crossings(times: FloatArray, shown: FloatArray, threshold: float) -> list[tuple[float, float]]:
@@ -175,14 +176,14 @@ def crossings(times: FloatArray, shown: FloatArray, threshold: float) -> list[tu
     return found
 
 
-def _completed(found: list[tuple[float, float]], reading: str) -> float:
+def _completed(found: list[tuple[float, float]], definition: str) -> float:
     """Return the crossing that completes a pseudo-period: downwards after one upwards.
 
     For "height" it is the first one upwards.
     """
     risen = False
     for instant, direction in found:
-        if (direction > 0.0 and reading == "height") or (direction < 0.0 and risen):
+        if (direction > 0.0 and definition == "height") or (direction < 0.0 and risen):
             return instant
         risen = risen or direction > 0.0
     return math.nan

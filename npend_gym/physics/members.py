@@ -65,7 +65,7 @@ class Members:
 
     @property
     def pseudo_periods(self) -> FloatArray:
-        """Pseudo-period of each bob [s], shape (B, n), reading "bob"; NaN where not complete."""
+        """Pseudo-period of each bob [s], shape (B, n), definition "bob"; NaN where not complete."""
         memory = self._intact
         rows = [memory.lanes_of(record[:, Turn.PERIOD]) for record in memory.record or ()]
         return memory.gather(rows[0])[:, : self.n].copy()

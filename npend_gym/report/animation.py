@@ -196,7 +196,7 @@ def _draw(recording: Recording) -> Figure:
     )
     axes[0].set(ylim=(n + 0.5, 0.5), ylabel="bob, from the pivot")
     titles = _AROUND if recording.is_around else _TITLES
-    title = titles[recording.reading]
+    title = titles[recording.definition]
     axes[0].set_title(title if recording.timed else title.partition(";")[0], fontsize=9)
     axes[0].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     kinetic = motion.kinetic_energy()

@@ -40,7 +40,7 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
     axes.plot([], [], "D", color=BLACK, markersize=3.5, label="measured, centre of mass")
     axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
     start = math.degrees(experiment.amplitude)
-    axes.set_title(f'Release from {start:.4g} degrees, reading "{experiment.reading}"')
+    axes.set_title(f'Release from {start:.4g} degrees, definition "{experiment.definition}"')
     mark_numbers(axes.xaxis, n_values)
     _plain_log_ticks(axes)
     axes.legend()

@@ -40,7 +40,7 @@ def page(
     texts = {
         "title": f"Release of N = {n_values} pendulum{'s' * (n_values != '1')}",
         "about": f"Released from rest at {start:.4g} degrees plus up to {spread:.3g} degrees; "
-        f'reading "{experiment.reading}", seed {experiment.seed}, {measured}. '
+        f'definition "{experiment.definition}", seed {experiment.seed}, {measured}. '
         "The animation shows the first.",
         "legend": legend(experiment),
         "command": command(experiment),

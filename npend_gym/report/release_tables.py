@@ -23,7 +23,7 @@ COLUMNS = (  # of the summary: title, unit, width as text
 
 
 LEGEND = """\
-measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed};
+measured: mean pseudo-period [s] over bobs and trials, definition "{definition}", seed {seed};
 it includes the bobs near the pivot that complete half a swing early; com is the whole chain's
 T0: the paper's 2 pi N / sum sqrt(g m/(l M)), for point masses; T0+a: times its corrected series
 T1: period of the slowest normal mode; e: |measured - model| / measured
@@ -40,7 +40,7 @@ def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
     return "\n".join([*lines, "", legend(experiment)])
 
 
-# What a reader must know of a reading beside the models, which are of whole swings
+# What a reader must know of a definition beside the models, which are of whole swings
 _NOTES = {"height": "height: one pendulum is back at its height after half of its period"}
 _AROUND = "a start beyond 90 degrees: bobs and com reverse around the pivot"
 _NOTES_BEYOND = {
@@ -52,16 +52,16 @@ _NOTES_BEYOND = {
 
 def legend(experiment: ReleaseExperiment) -> str:
     """Text on the columns, and on the sensor that measured the bobs, if one did."""
-    reading = experiment.reading
-    lines = [LEGEND.format(reading=reading, seed=experiment.seed)]
+    definition = experiment.definition
+    lines = [LEGEND.format(definition=definition, seed=experiment.seed)]
     beyond = abs(experiment.amplitude) + experiment.spread > 0.5 * math.pi
     notes = _NOTES | _NOTES_BEYOND if beyond else _NOTES
-    lines += [notes[reading]] if reading in notes else []
+    lines += [notes[definition]] if definition in notes else []
     sensor = experiment.sensor
     if sensor.interval > 0.0:
         lines.append(
             f"sensor: a sample every {sensor.interval:g} s, noise {sensor.noise:g}, offset "
-            f'{sensor.offset:g}, scale {sensor.scale:g}; com is exact but for reading "com"'
+            f'{sensor.offset:g}, scale {sensor.scale:g}; com is exact but for definition "com"'
         )
     return "\n".join(lines)
 

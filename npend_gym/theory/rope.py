@@ -58,7 +58,7 @@ def release_profile(s: ArrayLike) -> FloatArray:
     r"""Return when each part of a hanging rope completes its pseudo-period, in units of T1.
 
     The rope hangs in a straight line at a small angle and is let go: the limit of many equal rods
-    of the reading "bob", whose chain has T1 = `large_n_period`.
+    of the definition "bob", whose chain has T1 = `large_n_period`.
 
     Parameters
     ----------

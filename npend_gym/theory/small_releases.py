@@ -28,9 +28,9 @@ _MODES_UP_TO = 200  # rods: equal rods beyond have the limit of the rope, to 2e-
 def small_angle_periods(chain: Chain) -> FloatArray:
     """Return the pseudo-period [s] of every bob after a straight release from a small angle.
 
-    The limit of `npend_gym.pseudo_periods`, reading "bob", for angles that go to zero. It is exact
-    for chains of any masses, lengths and inertias, without friction, and nothing is integrated: the
-    velocities are sums of sines. Of many equal rods the limit is `release_profile`.
+    The limit of `npend_gym.pseudo_periods`, definition "bob", for angles that go to zero. It is
+    exact for chains of any masses, lengths and inertias, without friction, and nothing is
+    integrated: the velocities are sums of sines. Of many equal rods the limit is `release_profile`.
 
     Returns
     -------

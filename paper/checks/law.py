@@ -90,9 +90,12 @@ def _statistics(n_values: tuple[int, ...] = LONG) -> Outcome:
 @check("readings")
 def _readings() -> Outcome:
     numbers: dict[str, Any] = {}
-    for reading in ("bob", "link", "height"):
-        data = scan((10, 50), (0.01, PAPER_AMPLITUDE), reading, 3.0)
-        numbers |= {reading: data.median.ravel(), f"{reading}_completed": data.completed.min()}
+    for definition in ("bob", "link", "height"):
+        data = scan((10, 50), (0.01, PAPER_AMPLITUDE), definition, 3.0)
+        numbers |= {
+            definition: data.median.ravel(),
+            f"{definition}_completed": data.completed.min(),
+        }
     return holds_if(bool(np.abs(numbers["link"] / numbers["bob"] - 1.0).max() < 0.05), **numbers)
 
 

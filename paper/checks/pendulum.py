@@ -21,7 +21,7 @@ ANGLES = np.linspace(-3.0, 3.0, 25)  # rad
 
 def measured_period(theta0: float, chain: Chain = PENDULUM) -> float:
     """Return the period [s] of one pendulum released from `theta0` [rad], by simulation."""
-    return float(pseudo_periods(chain, theta0, reading="link", rtol=1e-13)[0])
+    return float(pseudo_periods(chain, theta0, definition="link", rtol=1e-13)[0])
 
 
 def excess(theta0: float, chain: Chain = PENDULUM) -> float:

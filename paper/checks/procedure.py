@@ -85,8 +85,10 @@ def _draw_trajectory(figure: Figure, data: Figure2) -> None:
 @check("pseudo-complete")
 def _definition(n: int = 5, theta0: float = 0.01) -> Outcome:
     means = {
-        reading: float(np.nanmean(pseudo_periods(Chain.uniform(n), theta0, reading=reading)))
-        for reading in ("link", "bob", "height")
+        definition: float(
+            np.nanmean(pseudo_periods(Chain.uniform(n), theta0, definition=definition))
+        )
+        for definition in ("link", "bob", "height")
     }
     return holds_if(max(means.values()) / min(means.values()) - 1.0 < 0.01, **means)
 

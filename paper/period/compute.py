@@ -36,7 +36,7 @@ ELSEWHERE = front_numbers, swing_numbers  # which register numbers, too
 @cache
 def com_period(n: int, amplitude: float, rtol: float = 1e-9) -> float:
     """Return the measured pseudo-period [s] of the centre of mass of `n` equal rods."""
-    return float(pseudo_periods(Chain.uniform(n), amplitude, reading="com", rtol=rtol)[0])
+    return float(pseudo_periods(Chain.uniform(n), amplitude, definition="com", rtol=rtol)[0])
 
 
 @number("com-limit")

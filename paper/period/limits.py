@@ -20,7 +20,7 @@ ANGLES = (0.5, PAPER_AMPLITUDE, 1.0)  # rad
 
 def measured(chain: Chain, theta: FloatArray | float) -> float:
     """Return the pseudo-period [s] of the centre of mass after a release from rest at `theta`."""
-    return float(pseudo_periods(chain, theta, reading="com", rtol=1e-10)[0])
+    return float(pseudo_periods(chain, theta, definition="com", rtol=1e-10)[0])
 
 
 def starts() -> dict[str, FloatArray]:

@@ -18,7 +18,7 @@ def test_the_law_holds_to_what_is_promised():
     for n in grid.n_values:
         for cell in grid.measure(n):
             assert abs(cell.law_error) < (0.004 if n < 5 else 0.002)
-            expected = pseudo_periods(Chain.uniform(n), cell.amplitude, reading="com")[0]
+            expected = pseudo_periods(Chain.uniform(n), cell.amplitude, definition="com")[0]
             assert cell.com == pytest.approx(expected, rel=1e-8)
             expected = pseudo_periods(Chain.uniform(n), cell.amplitude) / cell.fundamental
             assert cell.mean == pytest.approx(expected.mean(), rel=1e-7)
@@ -90,7 +90,7 @@ def test_a_start_that_cannot_be_released_is_refused(shape, message):
 def test_periods_begin_to_grow_as_the_third_order_says(chain):
     angles = np.array([0.02, 0.04])
     starts = np.repeat(angles[:, None], chain.n, axis=1)
-    measured = pseudo_periods(chain, starts, reading="com", rtol=1e-12)[:, 0]
+    measured = pseudo_periods(chain, starts, definition="com", rtol=1e-12)[:, 0]
     b = (measured / theory.com_period(chain) - 1.0) / angles**2
     growth = amplitude_growth(chain)
     assert growth.com == pytest.approx((4.0 * b[0] - b[1]) / 3.0, abs=2e-5)

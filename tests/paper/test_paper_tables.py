@@ -28,7 +28,9 @@ def model(n):
 
 @pytest.mark.parametrize("reading", ["bob", "link", "height"])
 def test_periods_on_short_rods_follow_from_those_on_rods_of_a_metre(reading):
-    direct = pseudo_periods(Chain.uniform(7, length=1 / 7), ANGLE, reading=reading, duration=10.0)
+    direct = pseudo_periods(
+        Chain.uniform(7, length=1 / 7), ANGLE, definition=reading, duration=10.0
+    )
     np.testing.assert_allclose(bob_periods(7, ANGLE, reading, "1/n m"), direct, rtol=1e-4)
 
 

@@ -91,6 +91,6 @@ def test_differences_from_the_profile_are_those_of_the_notes(n):
 
 def test_the_seconds_of_the_page_are_measured():
     for n, shown in ((100, "17.2 s"), (1, "2.09 s")):
-        period = pseudo_periods(Chain.uniform(n), np.pi / 4, reading="com", rtol=1e-8)[0]
+        period = pseudo_periods(Chain.uniform(n), np.pi / 4, definition="com", rtol=1e-8)[0]
         assert f"{period:.3g} s" == shown
         assert shown in PAGE

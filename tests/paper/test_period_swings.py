@@ -24,7 +24,7 @@ def test_the_first_small_swing_is_the_law_and_all_have_the_slowest_period_on_ave
 def test_simulated_swings_are_those_of_small_angles_and_of_the_pseudo_period():
     chain = Chain.uniform(4)
     assert measured_swings(chain, 1e-3, 6) == pytest.approx(small_swings(chain, 6), rel=1e-6)
-    first = pseudo_periods(chain, 0.7, reading="com", rtol=1e-10)[0]
+    first = pseudo_periods(chain, 0.7, definition="com", rtol=1e-10)[0]
     assert measured_swings(chain, 0.7, 2)[0] == pytest.approx(first, rel=1e-8)
 
 

@@ -46,7 +46,7 @@ from npend_gym.experiments.fits import (
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
 _EXACT_UP_TO = 300  # bobs; beyond them the rope's limit stands for the chain's
 _Fit: TypeAlias = tuple[FloatArray, FloatArray]
-_GROUPED = (*OF_CHAIN[1:], "reading")
+_GROUPED = (*OF_CHAIN[1:], "definition")
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class AmplitudeLaw:
         b and d in 1/rad^2.
     exact : float, optional
         The exact c, from the linearised equations, the mean of several chains: known for equal rods
-        and masses without damping and the readings "bob", "horizontal" and "com".
+        and masses without damping and the definitions "bob", "horizontal" and "com".
     points : tuple of CellResult
     residuals : ndarray
         Measured over law, minus one, of each point.
@@ -204,14 +204,14 @@ def _power_fits(points: Sequence[CellResult]) -> Iterator[PowerFit]:
 
 def _laws(values: Mapping[str, Any], points: Sequence[CellResult]) -> Iterator[AmplitudeLaw]:
     known = all(isinstance(values.get(name), float) for name in ("masses", "lengths"))
-    known = known and values["damping"] == 0.0 and values["reading"] in _EXACT
+    known = known and values["damping"] == 0.0 and values["definition"] in _EXACT
     small = [point for point in points if abs(point.start) <= LAW_UP_TO]
     many = sorted({point.n for point in small if point.n >= LAW_FROM})
     together = [tuple(many)] if len(many) > 1 else []
     for n_values in together + [(n,) for n in sorted({point.n for point in small})]:
         law = _law(n_values, tuple(point for point in small if point.n in n_values))
         if law is not None:
-            exact = _EXACT[values["reading"]] if known else None
+            exact = _EXACT[values["definition"]] if known else None
             # of equally many cells for each n, the fit is a mean of their values
             yield replace(law, exact=exact and float(np.mean([exact(n) for n in n_values])))
 
@@ -251,6 +251,6 @@ def _exact_com(n: int) -> float:
     return float(theory.com_period(chain)) / theory.fundamental_period(chain)
 
 
-_EXACT = {  # by reading
+_EXACT = {  # by definition
     "bob": _exact_median, "horizontal": _exact_median, "com": _exact_com,
 }  # fmt: skip

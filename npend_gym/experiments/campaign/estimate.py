@@ -74,7 +74,7 @@ def _time_in_cell(plan: CampaignPlan, cell: Mapping[str, Any]) -> float:
     taken = 0.0
     for _ in range(2):  # the first may compile
         began = time.process_time()
-        pseudo_periods(chain, theta, reading=cell["reading"], duration=plan.duration)
+        pseudo_periods(chain, theta, definition=cell["definition"], duration=plan.duration)
         taken = time.process_time() - began
     return taken / _SAMPLE / float(relative_time(np.array([chain.n]))[0])
 

@@ -120,7 +120,7 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
     columns: dict[str, Any] = {"cell": np.arange(plan.cells)}
     columns |= {name: [row[name] for row in chains] for name in chains[0]}
     columns |= {
-        "reading": [cell["reading"] for cell in cells],
+        "definition": [cell["definition"] for cell in cells],
         "amplitude_rad": [cell["amplitude"] for cell in cells],
         "spread_rad": [cell["spread"] for cell in cells],
     }

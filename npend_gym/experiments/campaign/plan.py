@@ -36,7 +36,7 @@ PerRod: TypeAlias = float | Sequence[float]
 
 # A cell has one value of each, and the last name varies fastest. The names that make the chain come
 # first, so that neighbouring cells have equal chains and are measured side by side.
-SWEPT = ("n", "masses", "lengths", "gravity", "damping", "reading", "amplitude", "spread")
+SWEPT = ("n", "masses", "lengths", "gravity", "damping", "definition", "amplitude", "spread")
 OF_CHAIN = SWEPT[:5]
 MAX_CELLS = 1_000_000
 MAX_CHAINS = 10_000
@@ -65,7 +65,7 @@ class CampaignPlan:
         Acceleration of gravity [m/s^2].
     damping : float or list of float
         Viscous damping of every joint [N m s].
-    reading : str or list of str
+    definition : str or list of str
         What completes a pseudo-period: "bob", "link", "height", "com" or "horizontal". See
         `npend_gym.pseudo_periods`.
     amplitude : float or list of float
@@ -102,7 +102,7 @@ class CampaignPlan:
     lengths: float | Sequence[PerRod] = 1.0
     gravity: float | Sequence[float] = STANDARD_GRAVITY
     damping: float | Sequence[float] = 0.0
-    reading: str | Sequence[str] = "bob"
+    definition: str | Sequence[str] = "bob"
     amplitude: float | Sequence[float] = PAPER_AMPLITUDE
     spread: float | Sequence[float] = PAPER_SPREAD
     trials: int = PAPER_TRIALS

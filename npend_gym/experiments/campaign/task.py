@@ -59,5 +59,5 @@ def _starts(plan: CampaignPlan, task: Task, index: int) -> FloatArray:
 def _periods(plan: CampaignPlan, angles: FloatArray, cell: Mapping[str, Any]) -> FloatArray:
     theta = np.repeat(angles[:, None], cell["n"], axis=1)
     return pseudo_periods(
-        plan.chain_of(cell), theta, reading=cell["reading"], duration=plan.duration
+        plan.chain_of(cell), theta, definition=cell["definition"], duration=plan.duration
     )

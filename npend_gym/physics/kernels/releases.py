@@ -56,7 +56,7 @@ _ROOT_TOLERANCE = 1e-11  # s
 class Release(NamedTuple):
     """Releases, each of which ends when all its rods have completed their pseudo-period."""
 
-    reading: int
+    definition: int
     threshold: FloatArray  # above which the sign of a signal counts, (lanes,)
     record: Record
     scratch: FloatArray  # RELEASE_ROWS for the rods, zeros at first
@@ -92,7 +92,7 @@ def _springs(chain: Any) -> Stretching:
     },
 )
 def _rods_of(chain: AnyArrays) -> Rods:
-    """Quantities of the rods that readings need."""
+    """Quantities of the rods that definitions need."""
     raise NotImplementedError
 
 
@@ -114,13 +114,13 @@ def _moving(solver: Solver, x: float, j: int) -> tuple[float, float]:
 
 @inlined_kernel
 def _along_rigid_rod(
-    reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
+    definition: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
     rods: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
     theta, _ = _moving(solver, x, i)
     s, c = sincos(theta)
     l = rods[i]
-    if reading != HEIGHT:
+    if definition != HEIGHT:
         return l * (omega * c), l * (alpha * c - (omega * omega) * s)
     _, c0 = sincos(record.per_rod[i])
     return l * (c0 - c), l * (omega * s)
@@ -128,7 +128,7 @@ def _along_rigid_rod(
 
 @inlined_kernel
 def _along_spring(
-    reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
+    definition: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
     rods: Stretching,
 ) -> tuple[float, float]:  # fmt: skip
     size = solver.y.size // 2
@@ -138,7 +138,7 @@ def _along_spring(
     growth, change = _moving(solver, x, size + first + i)
     s, c = sincos(theta)
     r = rods.length[i] + stretch
-    if reading != HEIGHT:
+    if definition != HEIGHT:
         turned = r * (alpha * c - (omega * omega) * s) + 2.0 * (growth * (omega * c))
         return r * (omega * c) + growth * s, turned + change * s
     return record.per_rod[i] - r * c, r * (omega * s) - growth * c
@@ -146,7 +146,7 @@ def _along_spring(
 
 @chosen_by_type("rods", {0: _along_rigid_rod, Stretching: _along_spring})
 def _along_rod(
-    reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
+    definition: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
     rods: Rods,
 ) -> tuple[float, float]:  # fmt: skip
     """Terms of rod `i` in the signal of its bob and of those below, and in the slope."""
@@ -179,7 +179,7 @@ def _length(solver: Solver, x: float, i: int, rods: Rods) -> tuple[float, float,
 def _signals_around(solver: Solver, x: float, last: int, release: Release, rods: Rods) -> None:
     """Write signal and slope of rods 0 to `last` around the pivot at fraction `x` of the step."""
     record, signal, slope = release.record, release.scratch[_SIGNAL], release.scratch[_SLOPE]
-    of_com, velocities = release.reading == COM_AROUND, solver.y.size // 2
+    of_com, velocities = release.definition == COM_AROUND, solver.y.size // 2
     px = py = vx = vy = ax = ay = 0.0
     for i in range(record.per_rod.size if of_com else last + 1):
         theta, _ = _moving(solver, x, i)
@@ -218,11 +218,11 @@ def _signals(solver: Solver, x: float, first: int, last: int, release: Release, 
 
     A bob's motion is the sum over the rods above it: except for LINK, `first` must be 0.
     """
-    reading, record = release.reading, release.record
-    if reading == COM:
+    definition, record = release.definition, release.record
+    if definition == COM:
         _signal_of_com(solver, x, release, rods)
         return
-    if reading >= AROUND:
+    if definition >= AROUND:
         _signals_around(solver, x, last, release, rods)
         return
     velocities = solver.y.size // 2
@@ -230,10 +230,10 @@ def _signals(solver: Solver, x: float, first: int, last: int, release: Release, 
     value = rate = 0.0
     for i in range(first, last + 1):
         omega, alpha = _moving(solver, x, velocities + i)
-        if reading == LINK:
+        if definition == LINK:
             value, rate = omega, alpha
         else:
-            f, slope_here = _along_rod(reading, solver, x, i, omega, alpha, record, rods)
+            f, slope_here = _along_rod(definition, solver, x, i, omega, alpha, record, rods)
             value, rate = value + f, rate + slope_here
         signal[i] = record.orientation[i] * value
         slope[i] = record.orientation[i] * rate
@@ -243,7 +243,7 @@ def _signals(solver: Solver, x: float, first: int, last: int, release: Release, 
 def _dense_at(motion: _Dense, x: float) -> tuple[float, float]:
     """Return the signal of one rod at fraction `x` of the step, and its slope."""
     release, i = motion.release, motion.i
-    first = i if release.reading == LINK else 0
+    first = i if release.definition == LINK else 0
     _signals(motion.solver, x, first, i, release, motion.rods)
     return release.scratch[_SIGNAL, i], release.scratch[_SLOPE, i]
 
@@ -253,7 +253,7 @@ def _follow_marked(solver: Solver, left: float, right: float, release: Release, 
     """Follow the marked rods of one chain from fraction `left` of the step to `right`."""
     t, h = solver.clock[0], solver.clock[1] - solver.clock[0]
     record, scratch = release.record, release.scratch
-    rule = Rule(release.reading, release.threshold[0], _ROOT_TOLERANCE / h)
+    rule = Rule(release.definition, release.threshold[0], _ROOT_TOLERANCE / h)
     for i in range(record.period.size):
         if scratch[_MARKED, i] != 0.0:
             interval = Interval(

@@ -1,9 +1,10 @@
 """When a bob or a rod turns: the one rule, the one root finder.
 
-A *signal* is a quantity of one rod, or of the chain, whose zeros are turning points of a reading:
+A *signal* is a quantity of one rod, or of the chain, whose zeros are turning points of a
+definition:
 
 ==========  ============================================  =========================
-reading     signal                                        slope
+definition     signal                                        slope
 ==========  ============================================  =========================
 BOB         horizontal velocity of the bob                its horizontal acceleration
 LINK        angular velocity of the rod                   its angular acceleration
@@ -62,7 +63,7 @@ class Record(NamedTuple):
 class Rule(NamedTuple):
     """What counts as a turning point."""
 
-    reading: int
+    definition: int
     threshold: float  # a sign counts once the signal has exceeded this
     tolerance: float  # of the instants, as a fraction of the step
 
@@ -155,14 +156,14 @@ def _update_record(
 ) -> None:
     """Update the record of rod `i` with the value of its signal at time `t`."""
     sign = record.sign[i]
-    if rule.reading == HEIGHT and sign != 0.0 and at_extremum and abs(signal) <= rule.threshold:
+    if rule.definition == HEIGHT and sign != 0.0 and at_extremum and abs(signal) <= rule.threshold:
         record.period[i] = t  # touches the starting height without crossing it
         return
     if abs(signal) <= rule.threshold:
         return
     new = 1.0 if signal > 0.0 else -1.0
     if sign == -new:
-        if rule.reading == HEIGHT or (new < 0.0 and record.risen[i] == 1.0):
+        if rule.definition == HEIGHT or (new < 0.0 and record.risen[i] == 1.0):
             record.period[i] = record.zero[i]
         elif new > 0.0:
             record.risen[i] = 1.0
