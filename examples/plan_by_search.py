@@ -23,7 +23,7 @@ def best_plan(state, plan, futures, rng):
     changes = rng.normal(0.0, 0.3, (CANDIDATES // 2, HORIZON))
     changes[0] = 0.0
     plans[: CANDIDATES // 2] = np.clip(plan + changes, -1.0, 1.0)
-    futures.set_state(np.repeat(state, CANDIDATES))  # a state fits any lane
+    futures.set_state(np.repeat(state, CANDIDATES))  # a state fits any sub-environment
     returns = np.zeros(CANDIDATES)
     for action in np.repeat(plans, HOLD, axis=1).T:
         returns += futures.step(action[:, None])[1]

@@ -273,8 +273,12 @@ def test_a_failure_or_success_of_a_mode_that_is_no_truth_is_refused(
 @pytest.mark.parametrize(
     ("value", "error", "message"),
     [
-        (NAN, ValueError, "finite, got nan in lane 0"),
-        (lambda q: q.tip / np.array([1.0, 0.0, 1.0]), ValueError, "finite, got -inf in lane 1"),
+        (NAN, ValueError, "finite, got nan in sub-environment 0"),
+        (
+            lambda q: q.tip / np.array([1.0, 0.0, 1.0]),
+            ValueError,
+            "finite, got -inf in sub-environment 1",
+        ),
         (1j, TypeError, f"a finite number{THREE} 1j"),
         ("1", TypeError, f"a finite number{THREE} '1'"),
         (None, TypeError, f"a finite number{THREE} None"),

@@ -142,7 +142,7 @@ def test_the_state_of_lanes_that_are_done_is_set_after_their_reset(mode):
     envs.reset(options={"reset_mask": np.array([True, False])})
     done = envs.step(np.zeros((2, 1)))[3]
     before, state = envs.state, np.full((2, 4), 0.1)
-    with pytest.raises(ValueError, match=r"got done lanes \[1\]: reset them first"):
+    with pytest.raises(ValueError, match=r"got done sub-environments \[1\]: reset them first"):
         envs.state = state
     assert_same(envs.state, before)
     envs.reset(options={"reset_mask": done})
@@ -290,9 +290,9 @@ def test_lanes_that_are_none_are_refused(lanes):
     envs = make_vec()
     envs.reset(seed=1)
     before = envs.get_state()
-    with pytest.raises((TypeError, ValueError), match="lanes must"):
+    with pytest.raises((TypeError, ValueError), match="which must"):
         envs.get_state(lanes)
-    with pytest.raises((TypeError, ValueError), match="lanes must"):
+    with pytest.raises((TypeError, ValueError), match="which must"):
         envs.set_state(before[: len(lanes)], lanes)
     assert envs.get_state().tobytes() == before.tobytes()
 
@@ -306,7 +306,7 @@ def test_before_the_first_reset_there_is_no_state_to_get():
             _ = env.state
     full = make_vec()
     full.reset(seed=0)
-    with pytest.raises(gym.error.ResetNeeded, match="set_state of some lanes"):
+    with pytest.raises(gym.error.ResetNeeded, match="set_state of some sub-environments"):
         state.set_state(full.get_state([0]), [0])
 
 

@@ -499,7 +499,7 @@ fast = torch.full((2, 2), 1e6, dtype=torch.float64)
 try:
     step(Chain.uniform(2), fast * 0.0, fast, dt=1.0, substeps=1)
 except DivergedError as error:
-    lanes = error.lanes
+    lanes = error.chains
 try:
     step(Chain.acrobot(), fast * 0.0, parameters={"drag": fast / 1e7}, dt=0.1)
 except ValueError as error:

@@ -155,9 +155,9 @@ def test_what_diverges_is_named_with_its_step():
         env.step(torch.zeros(3, 1, dtype=torch.float64))
     env.reset(seed=0)
     env.step(torch.zeros(3, 1, dtype=torch.float64))
-    with pytest.raises(DivergedError, match=r"lanes \[1\] leave all bounds in step 2") as raised:
+    with pytest.raises(DivergedError, match=r"chains \[1\] leave all bounds in step 2") as raised:
         env.step(torch.tensor([[0.0], [1.0], [0.0]], dtype=torch.float64))
-    assert (raised.value.lanes, raised.value.step) == ([1], 2)
+    assert (raised.value.chains, raised.value.step) == ([1], 2)
     observation, info = env.reset(seed=1)
     assert math.isfinite(observation.sum())
     assert info["time"].dtype == torch.float64
@@ -264,7 +264,7 @@ BAD_STEPS = [
         (TWO,),
         {"parameters": {"masses": NEGATIVE}},
         ValueError,
-        "masses of lane 1 .* greater than zero.*log_masses",
+        "masses of chain 1 .* greater than zero.*log_masses",
     ),
     ((TWO.int(),), {}, TypeError, "theta must be of float64 or float32, got torch.int32"),
     ((TWO, TWO.float()), {}, TypeError, "omega must have the dtype and device of theta"),
@@ -339,7 +339,7 @@ def test_single_states_take_steps_with_another_gravity_and_without_motors():
 def test_gradients_that_are_nan_are_named_where_they_arrive():
     theta = inputs(2, 3)[0]
     after = step(Chain.uniform(2), theta, dt=0.05)[0]
-    with pytest.raises(FloatingPointError, match=r"NaN in lanes \[2\]"):
+    with pytest.raises(FloatingPointError, match=r"NaN in chains \[2\]"):
         (after[:2].sum() + np.nan * after[2].sum()).backward()
 
 

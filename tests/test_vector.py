@@ -118,7 +118,7 @@ def test_without_autoreset_a_done_lane_must_be_reset_by_mask():
     for _ in range(4):
         _, _, _, truncated, _ = env.step(action)
     assert truncated.all()
-    with pytest.raises(RuntimeError, match="autoreset is disabled and lanes"):
+    with pytest.raises(RuntimeError, match="autoreset is disabled and the sub-environments"):
         env.step(action)
     alone = gym.make("NPendulum-v0", **DRAWN)
     alone.reset(seed=1)
@@ -311,7 +311,9 @@ def test_any_sequence_of_seeds_has_one_for_each_lane():
     env = make_vec(3, n=2)
     expected = env.reset(seed=[4, 5, 6])[0]
     assert_same(env.reset(seed=range(4, 7))[0], expected)
-    with pytest.raises(ValueError, match="seed must have an entry for each of the 3 lanes, got 4"):
+    with pytest.raises(
+        ValueError, match="seed must have an entry for each of the 3 sub-environments, got 4"
+    ):
         env.reset(seed=range(4))
     for text in ("456", b"456"):
         with pytest.raises(TypeError, match="seed must be an integer"):

@@ -1,4 +1,4 @@
-"""The episodes of B lanes: how they start, and one step of them; `outputs` tells of it."""
+"""The episodes of B environments: how they start, and one step of them; `outputs` tells of it."""
 
 from __future__ import annotations
 
@@ -62,10 +62,11 @@ def returned_by(mode: Mode, method: str, quantities: Quantities[Any]) -> Any:
 
 
 class Episodes:
-    """The chains of B environments ("lanes") and the episodes that they are in.
+    """The chains of B environments ("sub-environments") and the episodes that they are in.
 
-    Nothing in a lane depends on another lane, on B or on the number of threads. `outputs` has the
-    results of the last step or start. `motors` and `sensors` are None where they are ideal.
+    Nothing in a environment depends on another environment, on B or on the number of threads.
+    `outputs` has the results of the last step or start. `motors` and `sensors` are None where they
+    are ideal.
     """
 
     def __init__(
@@ -121,7 +122,7 @@ class Episodes:
             config, self._memory, self.motors, self._context, with_quantities=self._judge == 0
         )
         self._kept = KeptOptions(count)
-        # lanes that are not as made, by options or a state, and whether there are any
+        # sub-environments that are not as made, by options or a state, and whether there are any
         self._altered = np.zeros(count, np.bool_)
         self.some_altered: bool = False
         self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
@@ -161,7 +162,7 @@ class Episodes:
         self._memory.members[Episode.EPISODE, : self.count] = values
 
     def start(self, mask: BoolArray, options: Mapping[str, Any] | None = None) -> None:
-        """Begin a new episode in the lanes of `mask`, with the options of `checked_options`.
+        """Begin a new episode in the environments of `mask`, with the options of `checked_options`.
 
         Without any, options that persist hold. `observe` or `step` shows the new episodes.
         """
@@ -205,7 +206,7 @@ class Episodes:
         return given
 
     def _apply_options(self, lanes: NDArray[np.int64], options: Mapping[str, Any]) -> None:
-        """Change chain and state of some lanes, at their start, as the options say."""
+        """Change chain and state of some sub-environments, at their start, as the options say."""
         memory, draws = self._memory, self.config.randomization.draws
         if "changes" in options:
             changes = {name: values[lanes] for name, values in options["changes"].items()}
@@ -286,7 +287,7 @@ class Episodes:
         self.observe()
 
     def observe(self, *, reuse_buffers: bool = False) -> None:
-        """Show the lanes that have started, and take no step.
+        """Show the sub-environments that have started, and take no step.
 
         Results go to new arrays or, with `reuse_buffers`, into the arrays of the last step.
         """
@@ -305,10 +306,11 @@ class Episodes:
     def step(self, action: float | FloatArray | None, starting: BoolArray | None = None) -> None:
         """Take a step under `action`, (B, joints), 1 being the limit of the torque.
 
-        Lanes that are `starting`, (B,), begin a new episode instead, whatever their action is.
+        Environments that are `starting`, (B,), begin a new episode instead, whatever their action
+        is.
         """
         if type(action) is float:
-            self._actions[0, 0] = action  # the common case of one lane, quickly
+            self._actions[0, 0] = action  # the common case of one sub-environment, quickly
         elif action is not None:
             self._actions.T[: self.count] = action
         if starting is not None:
@@ -353,7 +355,7 @@ class Episodes:
             if wrong.size > 0:
                 raise ValueError(
                     f"reward of mode {self.config.mode.name!r} must be finite, "
-                    f"got {rewards[wrong[0]]:g} in lane {wrong[0]}"
+                    f"got {rewards[wrong[0]]:g} in sub-environment {wrong[0]}"
                 )
             flags[Flag.TERMINATED] = (failed | left) & ~starts
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
@@ -388,7 +390,7 @@ class Episodes:
         return places
 
     def action(self, lane: int) -> FloatArray:
-        """Return the last action of a lane, torque over its limit, (joints,)."""
+        """Return the last action of a sub-environment, torque over its limit, (joints,)."""
         return self._actions[:, lane]
 
     def pushes(self) -> FloatArray:
@@ -398,11 +400,11 @@ class Episodes:
         return self.motors.pushes[: self.count] / self.config.largest["push_force"]
 
     def chain(self, lane: int) -> Chain:
-        """Return the chain of a lane in its episode."""
+        """Return the chain of a sub-environment in its episode."""
         return self._memory.chain(lane)
 
     def chain_length(self, lane: int) -> float:
-        """Return the length of the chain of a lane [m]."""
+        """Return the length of the chain of a sub-environment [m]."""
         return float(1.0 / self._memory.members[Episode.PER_LENGTH, lane])
 
     def close(self) -> None:

@@ -38,7 +38,7 @@ def with_goals(
 
 
 def of_lane(observation: NDArray[np.float32] | GoalObservation, lane: int) -> Any:
-    """Return the observation of one lane, whether it has a goal or not."""
+    """Return the observation of one sub-environment, whether it has a goal or not."""
     if isinstance(observation, dict):
         return {key: value[lane] for key, value in observation.items()}
     return observation[lane]

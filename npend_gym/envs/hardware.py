@@ -38,7 +38,7 @@ def _slots(delay: float) -> int:
 
 
 class Motors:
-    """The motors of many lanes, and what pushes them."""
+    """The motors of many sub-environments, and what pushes them."""
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._joints, substeps = memory, config.joints, config.min_substeps
@@ -70,7 +70,7 @@ class Motors:
 
     @property
     def pushes(self) -> FloatArray:
-        """The force at the tip of each lane in the last step [N], (lanes,)."""
+        """The force at the tip of each sub-environment in the last step [N], (lanes,)."""
         return self._commands[Command.PUSH, 0]
 
     def set_noisy_motors(self, motors: int) -> None:
@@ -83,7 +83,8 @@ class Motors:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the noise of the torques [N m], (B, joints), and the forces at the tips [N], (B,).
 
-        They are those that `drive` draws for the lanes in these steps of their episodes, (B,).
+        They are those that `drive` draws for the environments in these steps of their episodes,
+        (B,).
         """
         memory, motors = self._memory, self._joints.size
         memory.members[Episode.STEPS] = steps
@@ -102,7 +103,7 @@ class Motors:
 
 
 class Sensors:
-    """The sensors of many lanes."""
+    """The sensors of many sub-environments."""
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._dt = memory, config.dt
@@ -122,7 +123,8 @@ class Sensors:
     def noise(self, keys: Keys, steps: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
         """Return the noise of angles and velocities over its deviations, (B, n) each.
 
-        It is that which `observe` draws for the lanes in these steps of their episodes, (B,).
+        It is that which `observe` draws for the environments in these steps of their episodes,
+        (B,).
         """
         memory = self._memory
         memory.members[Episode.STEPS] = steps

@@ -38,7 +38,7 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
 
     ``Info[float, int, bool]`` is that of the single environment. In the vector environment each
     value is an array with a leading axis of B, and each key has a bool mask (B,) named ``_key``:
-    that of Gymnasium's `SyncVectorEnv`, True where the lane has an info.
+    that of Gymnasium's `SyncVectorEnv`, True where the sub-environment has an info.
     There is no NaN in it, and every array is new: no later step writes to it.
     """
 
@@ -121,7 +121,8 @@ def _table() -> Mapping[str, tuple[Any, Key]]:
 
 BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
 TABLE = _table()
-# The keys by what kernels write for them: a number, or a truth, of each lane, or a number of a rod
+# The keys by what kernels write for them: a number, or a truth, of each environment, or a number of
+# a rod
 NUMBERS = [name for name, (kind, _) in TABLE.items() if kind in (_Real, _Count)]
 COUNTS = [name for name, (kind, _) in TABLE.items() if kind is _Count]
 TRUTHS = [name for name, (kind, _) in TABLE.items() if kind is _Truth]

@@ -34,7 +34,7 @@ _LIMITS = {
 # Chains may need so many times the default substeps. A chain an eighth as long, which does, keeps
 # its energy to some 1e-6 over 1000 steps.
 _FASTER = 3
-_NUMBERS = ("amplitude", "gravity", *CART_STATE)  # of a lane; others are of a rod
+_NUMBERS = ("amplitude", "gravity", *CART_STATE)  # of a sub-environment; others are of a rod
 
 
 def checked_autoreset_mode(value: Any) -> AutoresetMode:
@@ -65,18 +65,18 @@ def checked_episode_steps(value: Any) -> int | None:
     return None if value is None else _checks.count("max_episode_steps", value, high=2**63 - 1)
 
 
-def checked_lanes(lanes: Any, count: int) -> NDArray[np.int64]:
-    """Return numbers of lanes, given as numbers or as a mask; all where there are none."""
-    if lanes is None:
+def checked_numbers(which: Any, count: int) -> NDArray[np.int64]:
+    """Return numbers of environments, given as numbers or as a mask; all where there are none."""
+    if which is None:
         return np.arange(count)
-    given = np.asarray(lanes)
+    given = np.asarray(which)
     if given.dtype == np.bool_ and given.shape == (count,):
         return np.flatnonzero(given)
     whole = given.dtype.kind in "iu" and given.ndim == 1
     if not whole or np.any((given < 0) | (given >= count)) or np.unique(given).size < given.size:
         raise ValueError(
-            f"lanes must be different numbers from 0 to {count - 1}, or a mask of shape "
-            f"({count},); got {_checks.show(lanes)}"
+            f"which must be different numbers of sub-environments, 0 to {count - 1}, or a "
+            f"mask of shape ({count},); got {_checks.show(which)}"
         )
     return given.astype(np.int64)
 
@@ -216,7 +216,7 @@ def checked_options(
 
 
 def _persistence(value: Any, lanes: int) -> BoolArray:
-    """Return which lanes keep their options, shape (B,)."""
+    """Return which sub-environments keep their options, shape (B,)."""
     given = np.asarray(value)
     if given.dtype != np.bool_ or given.shape not in ((), (lanes,)):
         raise TypeError(f"options['persist'] must be True or False, got {_checks.show(value)}")
@@ -272,7 +272,7 @@ def _check_substeps(config: EnvConfig, changes: Mapping[str, FloatArray]) -> Non
 
 
 class KeptOptions:
-    """The options that persist, by lanes."""
+    """The options that persist, by sub-environments."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -285,7 +285,7 @@ class KeptOptions:
         self._kept = [(lanes, kept) for lanes, kept in (*left, (persist, options)) if lanes.any()]
 
     def of(self, mask: BoolArray) -> Iterator[tuple[NDArray[np.int64], Mapping[str, Any]]]:
-        """Yield lanes of `mask` with the options that they have kept."""
+        """Yield sub-environments of `mask` with the options that they have kept."""
         for lanes, options in self._kept:
             if np.any(lanes & mask):
                 yield np.flatnonzero(lanes & mask), options

@@ -117,7 +117,7 @@ def _measure(
 ) -> Quantities[Any]:  # fmt: skip
     """Write and return the quantities of a group whose sines, cosines and velocities are known.
 
-    The energy of lanes that start becomes that of the start.
+    The energy of sub-environments that start becomes that of the start.
     """
     s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
     kinetic, lift, tip = energies(
@@ -169,7 +169,7 @@ def _measure(
 
 @spliced_kernel
 def _never(_: None, quantities: Quantities[Any]) -> Any:
-    """Return False for each lane."""
+    """Return False for each sub-environment."""
     return quantities.height != quantities.height
 
 
@@ -217,7 +217,7 @@ def _judge(
 ) -> None:  # fmt: skip
     """Write reward, end and success by the formulas of the built-in mode; count the steps.
 
-    Where Python judges, it does so afterwards. A lane that starts has no reward and no end.
+    Where Python judges, it does so afterwards. A environment that starts has no reward and no end.
     """
     mode = int(task[Task.MODE])
     reward, failed, achieved = _judged(mode, quantities)
@@ -253,7 +253,7 @@ def _judge(
 
 @inlined_kernel
 def _begin_to_move(numbers: FloatArray, g: int) -> None:
-    """Let the lanes that start take part from the next step on."""
+    """Let the sub-environments that start take part from the next step on."""
     numbers[Episode.STARTING, g] = 0.0 * numbers[Episode.STARTING, g]
     numbers[Member.ACTIVE, g] = 1.0 + numbers[Episode.STARTING, g]
 
@@ -311,7 +311,7 @@ def step_many(
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
     wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    """Take a step of the active lanes, and write the results of every lane.
+    """Take a step of the active sub-environments, and write the results of every sub-environment.
 
     Parameters
     ----------
@@ -326,7 +326,7 @@ def step_many(
         Written. Without columns `npend_gym.envs.sensors` writes it afterwards.
     outputs : ndarray, shape (rows, columns of `members`)
         Written; the rows are those of `Output`, then the blocks of `Block`.
-    flags : ndarray, bool, shape (len(Flag), lanes)
+    flags : ndarray, bool, shape (len(Flag), sub-environments)
         Written.
     task : ndarray, shape (len(Task),)
     wiring : ndarray, shape (len(Wiring), n + 1)

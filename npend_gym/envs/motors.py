@@ -93,7 +93,7 @@ def _disturb(
 def draw_disturbances(
     members: FloatArray, keys: Keys, dt: float, motors: int, commands: FloatArray
 ) -> None:
-    """Write NOISE and PUSH of a step of `dt` [s] into `commands`, of all lanes."""
+    """Write NOISE and PUSH of a step of `dt` [s] into `commands`, of all sub-environments."""
     members, keys, commands = bare(members), bare(keys), bare(commands)
     for lane in range(keys.shape[1]):
         _disturb(members, lane, 1, dt, keys, motors, commands)
@@ -231,7 +231,7 @@ def apply_many(
     joints: Joints, noisy: int, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    """Set the torques of every lane for one of the equal pieces of a step.
+    """Set the torques of every sub-environment for one of the equal pieces of a step.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ def observe(
     """Write the observations of group `g`.
 
     Where sines are observed, they and the cosines are in the work space. `theta` and `omega` have
-    n + 1 numbers for each lane: that of a cart is the last.
+    n + 1 numbers for each sub-environment: that of a cart is the last.
     """
     n, shown = omega.size // width - 1, scratch[Scratch.OBSERVED]
     rows, column = observation[g * width : (g + 1) * width], n

@@ -1,4 +1,4 @@
-"""The results of B lanes: observations, rewards and infos, in arrays that are handed out."""
+"""The results of B environments: observations, rewards and infos, in arrays that are handed out."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ def _rows_of(block: int, n: int) -> slice:
 def _info_maker(keys: Iterable[str], n: int, *, many: bool) -> Callable[..., Any]:
     """Return a function that makes an info: from `Outputs`, rows, numbers among them, and flags.
 
-    It makes that of all lanes, or, where these are not `many`, of the only one as plain numbers. It
-    is written as text, as namedtuples are, because a loop over the keys takes twice as long.
+    It makes that of all environments, or, where these are not `many`, of the only one as plain
+    numbers. It is written as text, as namedtuples are, because a loop over the keys takes twice as
+    long.
     """
     entries: list[str] = []
     for name in keys:
@@ -55,7 +56,7 @@ def _info_maker(keys: Iterable[str], n: int, *, many: bool) -> Callable[..., Any
 
 
 class EpisodeStarts(NamedTuple):
-    """How the present episodes of B lanes began, new arrays."""
+    """How the present episodes of B sub-environments began, new arrays."""
 
     state: FloatArray  # as `Episodes.angles` has it, (B, 2c)
     chains: ChainParameters  # (B, n)
@@ -82,7 +83,8 @@ class Outputs:
         self._memory, self._motors, self._context = memory, motors, context
         joints = config.joints
         first = np.array_equal(np.arange(joints.size), joints)
-        # where the only lane has its torques: of the first joints in a slice, which is quicker
+        # where the only environment has its torques: of the first joints in a slice, which is
+        # quicker
         self._acted = 0, int(Rod.TORQUE), slice(joints.size) if first else joints
         self._goal_env = config.goal_env
         self._shows_context = config.observe_context and context.shape[1] > 0
@@ -155,9 +157,9 @@ class Outputs:
         return Quantities(*each, theta, omega)  # pyright: ignore[reportCallIssue]
 
     def masked_info(self, present: BoolArray | None = None) -> dict[str, Any]:
-        """Return the info of all lanes with its masks, arrays (B,).
+        """Return the info of all sub-environments with its masks, arrays (B,).
 
-        They are True in the lanes where info is `present`, by default all.
+        They are True in the sub-environments where info is `present`, by default all.
         """
         info = cast("dict[str, Any]", self.info())
         if present is None:
@@ -166,7 +168,7 @@ class Outputs:
         return info
 
     def info(self) -> BatchInfo:
-        """Return the info of all lanes, arrays (B, ...) of the last step or start.
+        """Return the info of all sub-environments, arrays (B, ...) of the last step or start.
 
         They are handed out: the next step does not write to them.
         """
@@ -174,7 +176,7 @@ class Outputs:
         return self._info_of_all(self, rows, rows, self.flags[:, : self.count])
 
     def only_lane(self) -> tuple[Any, float, bool, bool, Info[float, int, bool]]:
-        """Result of `step` for the only lane, as plain numbers: the quick way."""
+        """Result of `step` for the only sub-environment, as plain numbers: the quick way."""
         lane, flags = self.rows[:, 0], self.flags[:, 0].tolist()
         numbers = lane[:_ROWS].tolist()
         info = self._info_of_one(self, lane, numbers, flags)

@@ -31,7 +31,7 @@ class DependencyNotInstalled(  # noqa: N818 - a name of Gymnasium
 
 
 class Camera:
-    """Paints the lanes as `render_mode` asks: None, "human" or "rgb_array"."""
+    """Paints the sub-environments as `render_mode` asks: None, "human" or "rgb_array"."""
 
     def __init__(self, render_mode: str | None, config: EnvConfig) -> None:
         if render_mode is not None:
@@ -49,7 +49,7 @@ class Camera:
             raise DependencyNotInstalled(str(error)) from error
 
     def forget(self, lanes: BoolArray) -> None:
-        """Drop the traces of lanes (B,) whose episode has ended."""
+        """Drop the traces of sub-environments (B,) whose episode has ended."""
         for lane in np.flatnonzero(lanes).tolist() if self._traces else ():
             self._traces.pop(lane, None)
             self._pushes.pop(lane, None)
@@ -57,7 +57,8 @@ class Camera:
     def follow(self, episodes: Episodes, begun: BoolArray) -> None:
         """Add the tips' places to the traces and, in "human" mode, show the picture.
 
-        Lanes that have `begun` an episode, (B,), have taken no step of it: they have no trace yet.
+        Environments that have `begun` an episode, (B,), have taken no step of it: they have no
+        trace yet.
         """
         self.forget(begun)
         tips, pushes = episodes.places()[:, -1], episodes.pushes().tolist()
@@ -86,7 +87,7 @@ class Camera:
         return self._show(episodes)
 
     def _show(self, episodes: Episodes) -> tuple[NDArray[np.uint8], ...] | None:
-        """Paint every lane; return the pictures, or show them in the window."""
+        """Paint every sub-environment; return the pictures, or show them in the window."""
         if self._painter is None:
             return None
         info = episodes.outputs.info()

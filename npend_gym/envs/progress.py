@@ -109,10 +109,11 @@ def _used_elsewhere(env: Any) -> bool:
 
 
 def lanes_are_done(done: BoolArray) -> ResetNeeded:
-    """Return the error of a step with autoreset disabled in which lanes are done."""
+    """Return the error of a step with autoreset disabled in which sub-environments are done."""
     return ResetNeeded(
-        f"autoreset is disabled and lanes {_checks.show(np.flatnonzero(done).tolist())} are done: "
-        'reset them with reset(options={"reset_mask": done})'
+        "autoreset is disabled and the sub-environments "
+        f"{_checks.show(np.flatnonzero(done).tolist())} are done: reset them "
+        'with reset(options={"reset_mask": done})'
     )
 
 
@@ -120,7 +121,7 @@ def check_running(done: BoolArray) -> None:
     """Raise an error if a state is set while lanes are done: the next step may replace it."""
     if done.any():
         raise ValueError(
-            "state must be set while no lane is done, got done lanes "
+            "state must be set while no sub-environment is done, got done sub-environments "
             f"{_checks.show(np.flatnonzero(done).tolist())}: reset them first with "
             'reset(options={"reset_mask": done})'
         )

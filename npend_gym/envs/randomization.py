@@ -18,7 +18,7 @@ from npend_gym.envs.starts import Draw, DrawFields
 from npend_gym.physics.kernels.laws import Parameter
 from npend_gym.physics.kernels.link_terms import count_terms
 
-# Numbers that belong to a lane, beside those of its chain
+# Numbers that belong to a sub-environment, beside those of its chain
 SETTINGS = [name for name in OF_LANES if name not in COUNTED]
 _ONE_NUMBER = ("gravity", *SETTINGS)
 # Of which less lets a chain turn or brake faster

@@ -38,7 +38,7 @@ class EpisodeFields(NamedTuple):
 
 Episode: EpisodeFields = EpisodeFields()
 
-# Rows of `members`, after those of `Episode`: the keywords that each lane has a value of
+# Rows of `members`, after those of `Episode`: the keywords that each sub-environment has a value of
 SettingFields: Any = _named("SettingFields", OF_LANES)
 Setting: Any = SettingFields(*(len(Member) + len(Episode) + k for k in range(len(OF_LANES))))
 ROWS = len(Episode) + len(Setting)  # of `members`, after those of `Member`
@@ -56,8 +56,8 @@ class PoseFields(NamedTuple):
 
 Pose: PoseFields = PoseFields()
 
-# Rows of `outputs` and of `flags`, an entry for each lane: what the table of the info says, and
-# what a step returns beside the info
+# Rows of `outputs` and of `flags`, an entry for each environment: what the table of the info says,
+# and what a step returns beside the info
 OutputFields: Any = _named("OutputFields", [*map(str.upper, NUMBERS), "REWARD"])
 FlagFields: Any = _named("FlagFields", [*map(str.upper, TRUTHS), "TERMINATED", "TRUNCATED"])
 Output: Any = OutputFields(*range(len(OutputFields._fields)))
@@ -67,7 +67,7 @@ Flag: Any = FlagFields(*range(len(FlagFields._fields)))
 # written where Python judges and in modes with goals, with the first OF_LANE of `Quantities`
 BlockFields: Any = _named("BlockFields", [*map(str.upper, OF_RODS), "COSINES", "QUANTITIES"])
 Block: Any = BlockFields(*range(len(BlockFields._fields)))
-OF_LANE = Quantities._fields.index("theta")  # number of quantities that are one for each lane
+OF_LANE = Quantities._fields.index("theta")  # quantities that are one number of an environment
 
 
 def first_row(block: int, n: int) -> int:
@@ -76,7 +76,7 @@ def first_row(block: int, n: int) -> int:
 
 
 class TaskFields(NamedTuple):
-    """Entries of `task`: what is the same for all lanes."""
+    """Entries of `task`: what is the same for all sub-environments."""
 
     MODE: int = 0  # number of a built-in mode; 0: Python judges
     MAX_STEPS: int = 1  # of an episode; infinite: any number

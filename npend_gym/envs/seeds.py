@@ -1,4 +1,4 @@
-"""The seeds of the lanes, and their keys."""
+"""The seeds of the sub-environments, and their keys."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def checked_seed(seed: Any) -> int | None:
 
 
 class Seeds:
-    """The seed of each of `count` lanes: lane k of seed s has s + k.
+    """The seed of each of `count` sub-environments: sub-environment k of seed s has s + k.
 
     `lanes` has those that fill up the last group too, see `Memory`.
     """
@@ -41,15 +41,16 @@ class Seeds:
         given = cast("Sequence[Any]", seed)
         if len(given) != self._count:
             raise ValueError(
-                f"seed must have an entry for each of the {self._count} lanes, got {len(given)}"
+                f"seed must have an entry for each of the {self._count} sub-environments, "
+                f"got {len(given)}"
             )
         return [checked_seed(one) for one in given]
 
     def choose(self, seed: Any, lanes: BoolArray) -> LaneNumbers:
-        """Seed some lanes (B,) as `checked` has it; return those whose seed is new.
+        """Seed some sub-environments (B,) as `checked` has it; return those whose seed is new.
 
-        A lane without a seed keeps the one it has. The first is drawn from the system where none
-        was given.
+        A environment without a seed keeps the one it has. The first is drawn from the system where
+        none was given.
         """
         given: list[Any] = [None] * self._count if seed is None else seed
         if isinstance(seed, int):
@@ -78,11 +79,11 @@ class Seeds:
         return chosen
 
     def take(self, other: Seeds) -> None:
-        """Take over the seeds of all lanes."""
+        """Take over the seeds of all sub-environments."""
         self.values, self.keys[:], self._generators = other.values, other.keys, None
 
     def read_keys(self, lanes: LaneNumbers) -> None:
-        """Give some lanes the seeds of which their keys were made."""
+        """Give some sub-environments the seeds of which their keys were made."""
         self.values = self.values or [0] * self._count
         for lane, (low, high) in zip(lanes.tolist(), self.keys[:, lanes].T.tolist(), strict=True):
             self.values[lane] = low + (high << 64)

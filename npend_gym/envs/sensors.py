@@ -189,7 +189,7 @@ def sense_many(
     observation: ObsArray, task: FloatArray, wiring: FloatArray, dt: float, timing: FloatArray,
     scratch: FloatArray,
 ) -> None:  # fmt: skip
-    """Write the observations of every lane as its sensors show it.
+    """Write the observations of every sub-environment as its sensors show it.
 
     A second call in the same step writes the same again.
 

@@ -122,7 +122,7 @@ class Session:
         return self._episodes
 
     def _continue(self, states: States, lanes: NDArray[np.int64], before: Progress) -> Episodes:
-        """Begin `set_state`: put lanes into states that have been checked."""
+        """Begin `set_state`: put sub-environments into states that have been checked."""
         episodes = self._begin("set_state", before)
         episodes.set_states(lanes, states)
         self.camera.forget(np.isin(np.arange(episodes.count), lanes))
@@ -130,17 +130,17 @@ class Session:
 
     @property
     def shown(self) -> NDArray[np.float32]:
-        """The observations that the last call has returned, of all lanes."""
+        """The observations that the last call has returned, of all sub-environments."""
         return self._episodes.outputs.observations
 
     @property
     def state(self) -> FloatArray:
-        """Angles [rad], then angular velocities [rad/s], shape (2n,), or (B, 2n) of B lanes.
+        """Angles [rad], then angular velocities [rad/s], shape (2n,), or (B, 2n) of B environments.
 
         With a cart, its place [m] and velocity [m/s] follow.
 
         Setting it moves the chain there; time, energy, work and pseudo-periods count from there. It
-        raises a ValueError while a lane is done, until it is reset.
+        raises a ValueError while a sub-environment is done, until it is reset.
         """
         self._calls.check(self, "state")
         return self._episodes.angles[0] if self._is_single else self._episodes.angles
@@ -157,7 +157,7 @@ class Session:
 
 
 class ManyLanes(Session):
-    """The base of the environments with many lanes, of arrays or of tensors."""
+    """The base of the environments with many sub-environments, of arrays or of tensors."""
 
     def _open_lanes(
         self, config: EnvConfig, num_envs: int, max_episode_steps: int | None,

@@ -1,4 +1,4 @@
-"""NPendulumEnv: one environment, the vector environment's episodes with a single lane."""
+"""NPendulumEnv: one environment, the vector environment's episodes with a single environment."""
 
 from __future__ import annotations
 
@@ -274,8 +274,8 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         Parameters
         ----------
         state : ndarray
-            From `get_state`, of an environment made with the same keywords, or of one lane of such
-            a vector environment.
+            From `get_state`, of an environment made with the same keywords, or of one environment
+            of such a vector environment.
 
         Returns
         -------

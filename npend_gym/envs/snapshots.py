@@ -27,7 +27,7 @@ States = NDArray[np.void]
 
 
 class Snapshots:
-    """Records of the lanes of a memory. Every number in one has 8 bytes.
+    """Records of the sub-environments of a memory. Every number in one has 8 bytes.
 
     `more` returns other arrays by name, (lanes, ...), that belong to the state, or views of such: a
     view that were kept here would not be one of the copied array in a copied environment.
@@ -58,7 +58,7 @@ class Snapshots:
         self._shapes = [part.shape[1:] for part in (*one, *more().values())]
 
     def take(self, lanes: LaneNumbers, done: NDArray[np.bool_]) -> States:
-        """Return the records of some lanes, (k,), new."""
+        """Return the records of some sub-environments, (k,), new."""
         values = [*self._memory.read_lanes(lanes), *(v[lanes] for v in self._more().values())]
         columns = [part.reshape(lanes.size, math.prod(part.shape[1:])) for part in values]
         numbers = np.empty((lanes.size, self.dtype.itemsize // 8))
@@ -81,7 +81,7 @@ class Snapshots:
         return numbers.reshape(states.size, self.dtype.itemsize // 8)
 
     def check(self, given: Any, count: int) -> States:
-        """Return records for `count` lanes, or say what is wrong with them."""
+        """Return records for `count` sub-environments, or say what is wrong with them."""
         names = getattr(getattr(given, "dtype", None), "names", None)
         if names is None:
             raise TypeError(f"state must come from get_state(), got {_checks.show(given)}")
@@ -97,7 +97,7 @@ class Snapshots:
                 "chain, and the same motors, sensors, randomize and measure_periods"
             )
         if states.size != count:
-            raise ValueError(f"state must hold {count} lanes, got {states.size}")
+            raise ValueError(f"state must hold {count} sub-environments, got {states.size}")
         if np.any(states["environment"] != self._environment):
             raise ValueError(
                 "state must come from an environment with the same chain, mode, dt, substeps, "
@@ -114,7 +114,7 @@ class Snapshots:
         return checked
 
     def put(self, lanes: LaneNumbers, states: States) -> None:
-        """Put lanes into the states of checked records."""
+        """Put sub-environments into the states of checked records."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])
         columns = np.split(self._columns(states, "<f8")[:, self._first :], ends[:-1], axis=1)
         parts = [

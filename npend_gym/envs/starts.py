@@ -45,7 +45,7 @@ CHOSEN = 2.0  # times the cosines of an equilibrium that reset options choose
 class DrawFields(NamedTuple):
     """Columns of `draws`, which has a row for each number that is drawn at a start."""
 
-    OF_CHAIN: int = 0  # 1: a parameter of the chain; 0: a setting of the lane
+    OF_CHAIN: int = 0  # 1: a parameter of the chain; 0: a setting of the sub-environment
     FIELD: int = 1  # of `Parameter`, or of `Setting`
     ROD: int = 2
     LOW: int = 3
@@ -67,7 +67,7 @@ def _draw_chain(
     members: FloatArray, keys: Keys, k: int, draws: FloatArray, chain: FloatArray,
     context: FloatArray,
 ) -> None:  # fmt: skip
-    """Draw the context of the next episode of lane `k`, and write it where it belongs.
+    """Draw the context of the next episode of sub-environment `k`, and write it where it belongs.
 
     That is into the chain, or into members.
     """
@@ -90,7 +90,7 @@ def _draw_chain(
 def _draw_equilibria(
     members: FloatArray, rods: FloatArray, keys: Keys, k: int, width: int, n: int
 ) -> None:
-    """Draw start and goal of lane `k`: two different equilibria.
+    """Draw start and goal of sub-environment `k`: two different equilibria.
 
     Those that `CHOSEN` marks are kept. Each n numbers of the stream are an equilibrium, in which
     rod i hangs where its number is below 1/2; one that is the other one is passed over.
@@ -119,7 +119,7 @@ def _draw_state(
     members: FloatArray, rods: FloatArray, keys: Keys, k: int, width: int, n: int,
     start: FloatArray,
 ) -> None:  # fmt: skip
-    """Draw the state of lane `k` as the mode's `start` does, from the equilibrium drawn."""
+    """Draw the state of environment `k` as the mode's `start` does, from the equilibrium drawn."""
     rows, lane, episode = rods[k // width], k % width, members[Episode.EPISODE, k]
     if start[Start.KIND] == RELEASE:
         u = _stream(keys, k, Purpose.START, episode, 0)
@@ -200,14 +200,14 @@ def draw_chains(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, nominal: FloatArray,
     draws: FloatArray, context: FloatArray, chain: FloatArray,
 ) -> None:  # fmt: skip
-    """Draw the chains of the next episode of the lanes that are STARTING, before it begins.
+    """Draw the chains of the next episode of the environments that are STARTING, before it begins.
 
     Parameters
     ----------
     members, rods, model
         As for `step_many`.
     keys : ndarray, uint64, shape (2, lanes)
-        Those of the lanes' seeds.
+        Those of the sub-environments' seeds.
     nominal : ndarray, shape (parameters, n)
         The chain that the environment was made with.
     draws : ndarray, shape (numbers, len(Draw))
@@ -245,10 +245,10 @@ def begin_episodes(
     n : int
         Number of rods.
     keys : ndarray, uint64, shape (2, lanes)
-        Those of the lanes' seeds.
+        Those of the sub-environments' seeds.
     start : ndarray, shape (len(Start),)
     actions : ndarray, shape (joints, lanes)
-        Written, as the torques are: 0, of the lanes that start.
+        Written, as the torques are: 0, of the sub-environments that start.
     """
     members, rods, model, actions = bare(members), bare(rods), bare(model), bare(actions)
     record = bare(record)
@@ -272,7 +272,7 @@ def begin_episodes(
 
 @kernel
 def scale_all(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) -> None:
-    """Set what makes quantities mean the same for every chain, of `chosen` lanes."""
+    """Set what makes quantities mean the same for every chain, of `chosen` sub-environments."""
     members, rods = bare(members), bare(rods)
     for k in chosen:
         _scale(members, rods, k, rods.shape[2] // (n + 1), n)

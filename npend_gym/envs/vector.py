@@ -13,7 +13,7 @@ from typing_extensions import Unpack
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import make_config
-from npend_gym.envs.inputs import checked_action, checked_lanes
+from npend_gym.envs.inputs import checked_action, checked_numbers
 from npend_gym.envs.keywords import EnvKeywords, with_config_keywords
 from npend_gym.envs.observing import ObsArray
 from npend_gym.envs.outputs import final_info
@@ -26,31 +26,32 @@ from npend_gym.envs.snapshots import States
 class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     """Many N-pendulums in one object, stepped together by compiled code.
 
-    This is what `gym.make_vec("npend/SwingUp-v1", num_envs=B)` returns. Every lane is an
-    `NPendulumEnv`, to the last bit: lane k of a vector environment reset with seed s shows what
+    This is what `gym.make_vec("npend/SwingUp-v1", num_envs=B)` returns. Every sub-environment is an
+    `NPendulumEnv`, to the last bit: number k of a vector environment reset with seed s shows what
     the single environment reset with seed s + k shows, whatever `num_envs` and `threads` are.
 
     Parameters
     ----------
     num_envs : int
-        Number of lanes B.
+        Number of sub-environments B.
     max_episode_steps : int or None
-        Steps after which a lane is truncated; None for never.
+        Steps after which a sub-environment is truncated; None for never.
     autoreset_mode : gymnasium.vector.AutoresetMode or str
-        NEXT_STEP (default): the next step resets a lane that is done, and ignores its action.
-        SAME_STEP: the same step resets it; its last observation and info are in
+        NEXT_STEP (default): the next step resets a environment that is done, and ignores its
+        action. SAME_STEP: the same step resets it; its last observation and info are in
         ``info["final_obs"]`` and ``info["final_info"]``. DISABLED: the caller resets it with
         ``reset(options={"reset_mask": done})``.
     threads : int
-        Threads that share the lanes. No result depends on their number.
+        Threads that share the sub-environments. No result depends on their number.
     **keywords
         As for `NPendulumEnv`.
 
     Notes
     -----
     Each key of `Info` has an array with a leading axis of B, and a mask (B,) named ``_key``, those
-    of Gymnasium's `SyncVectorEnv`: True in the lanes that have an info. A reset by mask has none of
-    the other lanes, and ``info["final_info"]`` only of lanes that are done.
+    of Gymnasium's `SyncVectorEnv`: True in the environments that have an info. A reset by mask has
+    none of the other sub-environments, and ``info["final_info"]`` only of sub-environments that are
+    done.
 
     One thread at a time: a call during the `step` or `reset` of another thread raises `EnvInUse`.
     After a fork the threads of an environment start again where they are needed.
@@ -77,7 +78,7 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         self.closed: bool = True  # until there is something to close
         config = make_config(NPendulumVectorEnv, keywords)
         self._open_lanes(config, num_envs, max_episode_steps, autoreset_mode, render_mode, threads)
-        self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over
+        self._done = np.zeros(self.num_envs, np.bool_)  # sub-environments whose episode is over
         self.closed = False
 
     def reset(
@@ -86,20 +87,20 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[ObsArray, dict[str, Any]]:
-        """Begin a new episode in every lane, or in those of ``options["reset_mask"]``.
+        """Begin a new episode in every sub-environment, or in those of ``options["reset_mask"]``.
 
-        Errors and returns are those of `NPendulumEnv.reset`, of all lanes.
+        Errors and returns are those of `NPendulumEnv.reset`, of all sub-environments.
 
         Parameters
         ----------
         seed : int or sequence of int, optional
-            Lane k is seeded with seed + k, or with seed[k]; without one, the next episode of its
-            last seed begins.
+            Environment k is seeded with seed + k, or with seed[k]; without one, the next episode of
+            its last seed begins.
         options : dict, optional
             "reset_mask", bool (B,); "theta", "omega" and the parameters of the chain (B, n);
             "amplitude", "gravity", "cart_position", "cart_velocity" (B,); a number stands for all.
-            With "persist", bool or (B,), they hold in later episodes too, until the lane is reset
-            with options.
+            With "persist", bool or (B,), they hold in later episodes too, until the environment is
+            reset with options.
         """
         mask, checked = self._begin_lanes(seed, options)
         episodes = self._episodes
@@ -114,10 +115,10 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     def step(
         self, actions: Any
     ) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Advance every lane by `dt`; actions beyond the box are clipped.
+        """Advance every sub-environment by `dt`; actions beyond the box are clipped.
 
         Errors are those of `NPendulumEnv.step`. With autoreset disabled, `ResetNeeded` is also
-        raised while a lane is done.
+        raised while a sub-environment is done.
         """
         ready = self._calls.ready
         if not ready:
@@ -167,33 +168,33 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         if self._episodes.motors is not None:
             self._episodes.motors.set_noisy_motors(count)
 
-    def get_state(self, lanes: ArrayLike | None = None) -> States:
-        """Return the whole state of all lanes, or of some, by number or as a mask: records (k,).
+    def get_state(self, which: ArrayLike | None = None) -> States:
+        """The whole state of all environments, or of some, by number or as a mask: records (k,).
 
-        See `NPendulumEnv.get_state`. A record fits any lane, and the single environment.
+        See `NPendulumEnv.get_state`. A record fits any sub-environment, and the single environment.
         """
         self._calls.check(self, "get_state")
-        chosen = checked_lanes(lanes, self.num_envs)
+        chosen = checked_numbers(which, self.num_envs)
         return self._episodes.snapshots.take(chosen, self._done[chosen])
 
     def set_state(
-        self, state: States, lanes: ArrayLike | None = None
+        self, state: States, which: ArrayLike | None = None
     ) -> tuple[ObsArray, dict[str, Any]]:
-        """Let all lanes, or some, continue from states: records (k,).
+        """Let all sub-environments, or some, continue from states: records (k,).
 
-        Errors and returns are those of `NPendulumEnv.set_state`, of all lanes.
+        Errors and returns are those of `NPendulumEnv.set_state`, of all sub-environments.
 
         Parameters
         ----------
         state : ndarray, shape (k,)
             From `get_state` of environments made with the same keywords.
-        lanes : array_like of int or bool, optional
-            The k lanes; all by default, as they must be before the first reset.
+        which : array_like of int or bool, optional
+            The k sub-environments; all by default, as they must be before the first reset.
         """
-        chosen = checked_lanes(lanes, self.num_envs)
+        chosen = checked_numbers(which, self.num_envs)
         before = self._calls.progress
         if before is not Progress.READY and np.unique(chosen).size < self.num_envs:
-            raise self._calls.refuse(self, "set_state of some lanes")
+            raise self._calls.refuse(self, "set_state of some sub-environments")
         checked = self._episodes.snapshots.check(state, chosen.size)
         episodes = self._continue(checked, chosen, before)
         self._done = self._done.copy()
@@ -203,21 +204,21 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         return episodes.outputs.observation, episodes.outputs.masked_info(moved)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
-        """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window.
+        """Return a picture (H, W, 3) of every environment; in "human" mode show them in one window.
 
         Without a `render_mode` this warns and returns None, as in Gymnasium's own environments.
         """
         return self.camera.render(self, self._episodes, self._calls)
 
     def call(self, name: str) -> tuple[Any, ...]:
-        """Return a picture of every lane for "render", as `SyncVectorEnv.call` does.
+        """Return a picture of every sub-environment for "render", as `SyncVectorEnv.call` does.
 
-        Some trainers render in this way. Lanes have no other methods of their own.
+        Some trainers render in this way. Sub-environments have no other methods of their own.
         """
         if name != "render":
             raise ValueError(
-                f'name must be "render", got {_checks.show(name)}: lanes are one object, so use '
-                "its own methods and attributes, such as get_state and config"
+                f'name must be "render", got {_checks.show(name)}: sub-environments are one '
+                "object, so use its own methods and attributes, such as get_state and config"
             )
         return self.render() or (None,) * self.num_envs
 
@@ -229,10 +230,10 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """A generator for each lane; nothing that the environment draws comes from them."""
+        """A generator for each environment; nothing that the environment draws comes from them."""
         return self._episodes.seeds.generators
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seeds of the lanes."""
+        """The seeds of the sub-environments."""
         return tuple(self._episodes.seeds.values)

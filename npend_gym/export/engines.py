@@ -44,9 +44,9 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
     ----------
     env : mapping, str, EnvSpec, or environment
         As for `npend_gym.rl.evaluate`, without wrappers that change observations or actions. Its
-        number of lanes, autoreset and rendering are left out.
+        number of sub-environments, autoreset and rendering are left out.
     num_envs : int
-        Number of lanes.
+        Number of sub-environments.
 
     Returns
     -------
@@ -140,12 +140,12 @@ class MujocoEpisodes(Episodes):
         flags[Flag.DIVERGED, ~sound] = flags[Flag.TRUNCATED, ~sound] = True
 
     def _moved(self, state: FloatArray, action: FloatArray) -> FloatArray:
-        """Return the state of a lane after a step; MuJoCo limits the torques."""
+        """Return the state of a sub-environment after a step; MuJoCo limits the torques."""
         data, n, cart = self._data, self.config.n, state[2 * self.config.n :].reshape(2, -1)
         turns = np.diff(state[: 2 * n].reshape(2, n), prepend=0.0)
         data.qpos[:], data.qvel[:] = np.hstack([cart, turns])
         data.ctrl[:] = action * self.config.action_limits
-        data.qacc_warmstart[:] = 0.0  # no lane depends on the lane before it
+        data.qacc_warmstart[:] = 0.0  # no sub-environment depends on the sub-environment before it
         _mujoco().mj_step(self._model, data, nstep=self._substeps)
         moved = np.array([data.qpos, data.qvel])
         on_cart = moved.shape[1] - n

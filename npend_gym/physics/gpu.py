@@ -31,9 +31,9 @@ class DeviceChains:
     Parameters
     ----------
     chains : Chain or sequence of Chain
-        One chain for all lanes, or one for each; all with the same number of rods.
+        One chain for all, or a list of B; all with the same number of rods.
     size : int, optional
-        Number of lanes B; by default that of the chains that are given.
+        Number of chains B; by default that of those that are given.
     dtype : {float64, float32}
         Of all arrays. In float64 results are the bits of `Ensemble`; float32 is for speed.
     drag : bool
@@ -42,7 +42,7 @@ class DeviceChains:
     Attributes
     ----------
     n, size : int
-        Number of rods, and of lanes B.
+        Number of rods, and of chains B.
     dtype : dtype
     cuda : module
         Numba's, for CUDA: ``cuda.to_device(array)`` copies an array of NumPy to the GPU.
@@ -173,7 +173,7 @@ class DeviceChains:
         return "simulator" if simulated() else self.cuda.get_current_device().name.decode()
 
     def zeros(self, shape: tuple[int, ...]) -> Any:
-        """Return an array of zeros on the GPU, of a shape that has the lanes last."""
+        """Return an array of zeros on the GPU, of a shape whose last axis is that of the chains."""
         *_, columns, lanes = shape
         array = self.cuda.device_array(
             (math.prod(shape) // (columns * lanes), columns, lanes), self.dtype

@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 Array = NDArray[Any]
-# options of N-pendulums that are one number of a lane; others have one for each rod
+# options of N-pendulums that are one number of a sub-environment; others have one for each rod
 _OF_LANES = "amplitude", "gravity", "cart_position", "cart_velocity", "persist"
 
 
@@ -96,7 +96,7 @@ class SB3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, Array, Array, list[dict[str, Any]]]:
-        """Return observations, float32 rewards, dones and a dict of infos for every lane."""
+        """Return observations, float32 rewards, dones and a dict of infos for every environment."""
         observation, reward, terminated, truncated, info = self.venv.step(self._actions)
         done: Array = terminated | truncated
         infos, final = self._selected(info), info.get("final_info", {})
@@ -130,7 +130,7 @@ class SB3VecEnv(VecEnv):
         return [dict(zip(self.info_keys, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def _merged_options(self) -> dict[str, Any]:
-        """Return the lanes' options as one dict of arrays with a leading lane axis.
+        """Return the environments' options as one dict of arrays with a leading environment axis.
 
         Gymnasium's own vector environments pass the same options to every environment.
         """
@@ -158,7 +158,7 @@ class SB3VecEnv(VecEnv):
         self.venv.close()
 
     def get_images(self) -> Sequence[Array | None]:
-        """Return a picture of every lane."""
+        """Return a picture of every sub-environment."""
         pictures: Any = self.venv.render()
         return pictures or ()
 
@@ -208,7 +208,7 @@ class SB3VecEnv(VecEnv):
         return [issubclass(wrapper_class, Monitor)] * len(self._chosen_lanes(indices)[0])
 
     def _chosen_lanes(self, indices: VecEnvIndices) -> tuple[list[int], Any]:
-        """Return the chosen lanes and the vector environment without its wrappers."""
+        """Return the chosen sub-environments and the vector environment without its wrappers."""
         return list(self._get_indices(indices)), self.venv.unwrapped
 
     def _refuse_some(self, lanes: list[int], what: str) -> None:
@@ -230,9 +230,9 @@ def _check_many(venv: Any) -> None:
 
 
 def _joined(values: Sequence[Any], rods: int | None) -> Any:
-    """Return the values of all lanes as an array, or the one number that all of them are.
+    """Return the values of all environments as an array, or the one number that all of them are.
 
-    One number of a lane stands for all its `rods`.
+    One number of a sub-environment stands for all its `rods`.
     """
     first = values[0]
     if np.ndim(first) == 0 and all(np.ndim(value) == 0 and value == first for value in values):

@@ -26,19 +26,19 @@ class DivergedError(FloatingPointError):
 
     Attributes
     ----------
-    lanes : list of int
-        Which chains.
+    chains : list of int
+        Which chains, or sub-environments.
     step : int or None
         The step of a rollout or an environment, from 1; None of a step alone.
     """
 
-    def __init__(self, lanes: Sequence[int], step: int | None = None) -> None:
-        self.lanes: list[int] = list(lanes)
+    def __init__(self, chains: Sequence[int], step: int | None = None) -> None:
+        self.chains: list[int] = list(chains)
         self.step: int | None = step
         which = "the step" if step is None else f"step {step}"
         super().__init__(
-            f"lanes {_checks.show(self.lanes)} leave all bounds in {which}, where nothing can be "
-            "differentiated: take smaller torques, shorter steps or more substeps"
+            f"chains {_checks.show(self.chains)} leave all bounds in {which}, where nothing can "
+            "be differentiated: take smaller torques, shorter steps or more substeps"
         )
 
 
@@ -50,7 +50,7 @@ def check_bars(bars: Sequence[FloatArray]) -> None:
             largest = float(np.nanmax(np.abs(bar), initial=0.0))
             what = "NaN" if math.isnan(float(bar.sum())) else f"as large as {largest:g}"
             raise FloatingPointError(
-                f"the gradient that arrives at a step from behind is {what} in lanes "
+                f"the gradient that arrives at a step from behind is {what} in chains "
                 f"{_checks.show(lanes)}: shorten the horizon, or look for what made it so in the "
                 "function that is differentiated"
             )

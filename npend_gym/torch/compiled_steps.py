@@ -88,7 +88,7 @@ def _check(values: Mapping[str, FloatArray]) -> None:
         if refusal is not None:
             lane = next(k for k, row in enumerate(value) if _refusal(name, row) is not None)
             raise ValueError(
-                f"{name} of lane {lane} break their rule: {refusal}; where an optimiser moves "
+                f"{name} of chain {lane} break their rule: {refusal}; where an optimiser moves "
                 f"them, let it move their logarithm: {name} = log_{name}.exp()"
             ) from refusal
 

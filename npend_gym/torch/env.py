@@ -38,17 +38,17 @@ class DifferentiableVectorEnv(ManyLanes):
     Parameters
     ----------
     num_envs : int
-        Number of lanes B.
+        Number of sub-environments B.
     max_episode_steps : int or None
-        Steps after which a lane is truncated; None for never.
+        Steps after which a sub-environment is truncated; None for never.
     autoreset_mode : gymnasium.vector.AutoresetMode or str
         As for `NPendulumVectorEnv`. With SAME_STEP ``info["final_obs"]`` has the observations
-        before the reset, of all lanes, with their gradients. A start has no gradient by what came
-        before it.
+        before the reset, of all environments, with their gradients. A start has no gradient by what
+        came before it.
     dtype : torch.dtype
         Of observations, rewards and actions: float64 or float32. States are float64.
     threads : int
-        Threads that share the lanes. No result depends on their number.
+        Threads that share the sub-environments. No result depends on their number.
     device : torch.device or str
         Where all tensors are: "cpu", or "cuda" for steps on a GPU, which need the extra "cuda".
     **keywords
@@ -141,7 +141,7 @@ class DifferentiableVectorEnv(ManyLanes):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """Begin a new episode in every lane, or in those of ``options["reset_mask"]``.
+        """Begin a new episode in every sub-environment, or in those of ``options["reset_mask"]``.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class DifferentiableVectorEnv(ManyLanes):
 
     @uncompiled
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """Advance every lane by `dt`; actions beyond the box are clipped.
+        """Advance every sub-environment by `dt`; actions beyond the box are clipped.
 
         Parameters
         ----------
@@ -216,14 +216,15 @@ class DifferentiableVectorEnv(ManyLanes):
             "theta" and "omega" [rad, rad/s], (B, n), "energy" [J] and "time" [s]. With a cart also
             "cart_position" [m] and "cart_velocity" [m/s]; in modes with goals "goal" [rad], (B, n).
             "success", except in a mode that defines neither `achieved` nor `failed`. With SAME_STEP
-            "final_obs" and "final_info", of all lanes as they were before any began again.
+            "final_obs" and "final_info", of all environments as they were before any began again.
 
         Raises
         ------
         TypeError, ValueError
-            If the actions break their rule; no lane has then changed.
+            If the actions break their rule; no sub-environment has then changed.
         DivergedError
-            If a lane leaves all bounds, with the number of the step since all lanes were reset.
+            If a environment leaves all bounds, with the number of the step since all environments
+            were reset.
         ResetNeeded
             As for `NPendulumVectorEnv.step`.
         """
@@ -257,7 +258,7 @@ class DifferentiableVectorEnv(ManyLanes):
             try:
                 self._theta, self._omega = applied(Step, self._call, *state, loads)
             except DivergedError as error:
-                raise DivergedError(error.lanes, self._taken) from None
+                raise DivergedError(error.chains, self._taken) from None
 
     def _outcome(
         self, clipped: Tensor, fresh: Tensor | None

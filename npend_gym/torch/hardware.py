@@ -19,7 +19,7 @@ from npend_gym.envs.sensors import interpolate
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.torch.judging import Lanes, State, wrapped
 
-Settings = Mapping[str, Tensor]  # of the lanes, by keyword, (B,)
+Settings = Mapping[str, Tensor]  # of the sub-environments, by keyword, (B,)
 
 
 def begun(mask: Tensor, start: Tensor, kept: Tensor) -> Tensor:
@@ -31,13 +31,13 @@ def begun(mask: Tensor, start: Tensor, kept: Tensor) -> Tensor:
 
 
 class Past:
-    """What happened in the last steps of every lane, the newest first."""
+    """What happened in the last steps of every sub-environment, the newest first."""
 
     def __init__(self, most: float) -> None:
         self._length, self._kept = int(most) + 2, list[Tensor]()
 
     def begin(self, mask: Tensor, value: Tensor) -> None:
-        """Let all that happened in the lanes of `mask` have been `value`."""
+        """Let all that happened in the sub-environments of `mask` have been `value`."""
         kept = self._kept or [value] * self._length
         self._kept = [begun(mask, value, each) for each in kept]
 
@@ -81,7 +81,7 @@ class Motors:
         self._lagged = torch.zeros(1, len(acted), dtype=torch.float64)
 
     def begin(self, mask: Tensor) -> None:
-        """Forget the actions of the lanes of `mask`."""
+        """Forget the actions of the sub-environments of `mask`."""
         if self._motors is not None:
             idle = torch.zeros(len(mask), len(self._places), dtype=torch.float64)
             self._past.begin(mask, idle)
@@ -143,7 +143,7 @@ class Sensors:
         self._dt, self._past = config.dt, Past(config.largest["observation_delay"])
 
     def begin(self, mask: Tensor, q: Tensor, u: Tensor) -> None:
-        """Begin in the lanes of `mask` with states q and u, (B, c)."""
+        """Begin in the sub-environments of `mask` with states q and u, (B, c)."""
         if self._sensors is not None:
             self._past.begin(mask, torch.cat([q, u], dim=1))
 

@@ -43,7 +43,7 @@ class Lanes(NamedTuple):
     def of(
         cls, began: EpisodeStarts, config: EnvConfig, device: torch.device, *, alike: bool
     ) -> Lanes:
-        """EpisodeStarts of episodes; of the first lane only where all chains are alike."""
+        """EpisodeStarts of episodes; of the first environment only where all chains are alike."""
 
         def put(values: FloatArray) -> Tensor:
             return torch.from_numpy(values).to(device)

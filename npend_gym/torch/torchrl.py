@@ -28,7 +28,7 @@ class TorchRLEnv(EnvBase):
     Parameters
     ----------
     num_envs, max_episode_steps, dtype, threads, **keywords
-        As for `DifferentiableVectorEnv`. TorchRL itself resets lanes that are done.
+        As for `DifferentiableVectorEnv`. TorchRL itself resets sub-environments that are done.
 
     Attributes
     ----------

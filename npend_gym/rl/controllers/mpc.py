@@ -136,27 +136,27 @@ class MPC:
         return env_actions(self._config, actions if states.ndim == 2 else actions[0])
 
     def plan(
-        self, states: FloatArray, time: FloatArray, lanes: NDArray[np.int64] | None = None
+        self, states: FloatArray, time: FloatArray, which: NDArray[np.int64] | None = None
     ) -> FloatArray:
         """Return the actions, (B, joints), in states (q, u), (B, 2c), at times [s], (B,).
 
-        `lanes` are the numbers of the environments, ascending, by default those from 0 on. Plans of
+        `which` has the numbers of the environments, ascending, by default those from 0 on. Plans of
         others are forgotten.
         """
-        lanes = np.arange(len(states)) if lanes is None else lanes
-        _, now, before = np.intersect1d(lanes, self._lanes, True, return_indices=True)
+        which = np.arange(len(states)) if which is None else which
+        _, now, before = np.intersect1d(which, self._lanes, True, return_indices=True)
         dt = self._config.dt
         on_time = abs(time[now] - self._time[before] - dt) < 0.5 * dt
-        known, new = now[on_time], np.delete(np.arange(len(lanes)), now[on_time])
+        known, new = now[on_time], np.delete(np.arange(len(which)), now[on_time])
         parts: list[Motions] = []
         if known.size > 0:
             motions = self._ilqr.follow(states[known], self.plans.of(before[on_time]).shifted())
             motions = self._improved(motions, self.iterations)
-            parts.append(self._on_rail(states[known], motions, lanes[known]))
+            parts.append(self._on_rail(states[known], motions, which[known]))
         if new.size > 0:
-            parts.append(self._first_plan(states[new], lanes[new]))
+            parts.append(self._first_plan(states[new], which[new]))
         self.plans: Motions = concatenated(parts).of(np.argsort([*known, *new]))
-        self._lanes, self._time = lanes, time.copy()
+        self._lanes, self._time = which, time.copy()
         return self.plans.actions[0]
 
     def _first_plan(self, states: FloatArray, lanes: NDArray[np.int64]) -> Motions:

@@ -121,8 +121,8 @@ def of_actions(
 ) -> FloatArray:
     """Return the derivatives by the actions, from those by the torques of `motors`, then the force.
 
-    Both have a column for each input. `limits`, (B, joints), are those of the lanes where they
-    differ.
+    Both have a column for each input. `limits`, (B, joints), are those of the environments where
+    they differ.
     """
     places = [*motors(config), config.n]
     by = config.action_limits if limits is None else limits[:, None]
@@ -144,7 +144,7 @@ def loads_of(
 
 
 def set_states(config: EnvConfig, ensemble: Ensemble, lanes: Any, states: FloatArray) -> None:
-    """Put some lanes of an ensemble into states (q, u), (lanes, 2c)."""
+    """Put some sub-environments of an ensemble into states (q, u), (lanes, 2c)."""
     (q, u), n = np.split(states, 2, axis=1), config.n
     cart = (q[:, n], u[:, n]) if config.has_cart else (0.0, 0.0)
     ensemble.set_state(lanes, q[:, :n], u[:, :n], cart=cart)
@@ -193,7 +193,7 @@ class StepModel:
         return self._ensemble(len(states)).diverged
 
     def _begin(self, states: FloatArray) -> DifferentiableEnsemble:
-        """Return the ensemble in these states, one lane for each."""
+        """Return the ensemble in these states, one sub-environment for each."""
         ensemble = self._ensemble(len(states))
         set_states(self.config, ensemble, slice(None), states)
         return ensemble

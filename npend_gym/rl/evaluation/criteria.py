@@ -44,7 +44,7 @@ class Trial(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RolloutGroup:
-    """Rollouts in one vector environment: of each value, `repetitions` lanes in a row."""
+    """Rollouts in one vector environment: of each value, `repetitions` environments in a row."""
 
     parameters: list[str]  # what has each value: "masses[0]", say, or the name of the criterion
     values: FloatArray  # (k,)
@@ -65,7 +65,7 @@ class RolloutGroup:
         return nominal.make(self.lanes, **self.keywords)
 
     def survived(self, success: BoolArray) -> BoolArray:
-        """Return which values succeeded in most of their repetitions, (k,), by lanes."""
+        """Return which values succeeded in most of their repetitions, (k,), by sub-environments."""
         return success.reshape(self.values.size, -1).mean(axis=1) > _MAJORITY
 
 
@@ -127,7 +127,7 @@ class WrongModel:
     scored: bool = True
 
     def groups(self, name: str, trial: Trial) -> list[RolloutGroup]:
-        """Return an environment for each parameter, with lanes for each rod and value."""
+        """Return an environment for each parameter, with environments for each rod and value."""
         del name
         chain, values = trial.config.chain, trial.values
         groups: list[RolloutGroup] = []

@@ -23,7 +23,7 @@ _WIDTH = (0.05, 0.1)  # standard deviation [s]
 
 
 # What acts on the joints in a step, by its number and the info before it: torques [N m], (B, n),
-# and in which lanes the controller acts as well, (B,)
+# and in which sub-environments the controller acts as well, (B,)
 Disturbance = Callable[[int, dict[str, Any]], tuple[FloatArray, BoolArray]]
 
 
@@ -75,14 +75,14 @@ class DisturbedEnvs:
         self._step, self._info = 0, dict[str, Any]()
 
     def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every lane."""
+        """Begin an episode in every sub-environment."""
         observation, self._info = self._envs.reset(**arguments)
         self._step = 0
         self._show_own_motors()
         return observation, self._info
 
     def step(self, action: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Step all lanes."""
+        """Step all sub-environments."""
         config, shape = self.config, (self.num_envs, self.config.joints.size)
         taken = np.clip(np.asarray(checked_action(action, shape, config.action_table)), -1.0, 1.0)
         torque, active = self.disturbance(self._step, self._info)
@@ -104,7 +104,7 @@ class DisturbedEnvs:
 
 
 class Pulses:
-    """Short torques in every lane, three at each of some joints but six at most, at random times.
+    """Short torques in every episode at random times, three at each of some joints, at most six.
 
     Each is a Gaussian in time, with a standard deviation of 0.05 to 0.1 s and a peak of 1/12 to 5/6
     of the torque limit in either direction. The times are six random ones, or some of these: the

@@ -125,9 +125,9 @@ def evaluate(
         of ``gym.make_vec``, whose "id" is "NPendulum-v0" if left out. Those of a policy,
         ``policy.env``, make the environment show what the policy observes. Or a vector environment
         of Gymnasium or Stable-Baselines3, with its wrappers: another one like it is played, with a
-        lane for each episode, and the model acts behind these wrappers, whose statistics stay as
-        they are. Where no wrapper changes observations or actions, a model of Stable-Baselines3
-        acts behind those of its own training, `VecNormalize` say.
+        environment for each episode, and the model acts behind these wrappers, whose statistics
+        stay as they are. Where no wrapper changes observations or actions, a model of
+        Stable-Baselines3 acts behind those of its own training, `VecNormalize` say.
     episodes : int
         Number of episodes; they have the seeds `seed`, `seed` + 1 and so on.
     seed : int

@@ -194,7 +194,7 @@ def _check_shape(model: Any, outermost: Any) -> None:
 
 
 def _observed_by(env: Any) -> Any:
-    """Return the space of the observations of a model, or of one lane of an environment."""
+    """Return the space of the observations of a model, or of one environment of an environment."""
     single = getattr(env, "single_observation_space", None)
     return getattr(env, "observation_space", None) if single is None else single
 

@@ -131,8 +131,8 @@ def robustness(
     Parameters
     ----------
     model, env
-        As for `evaluate`. All rollouts of a criterion are side by side: the model acts in B lanes,
-        after ``reset(B)`` where it has such a method. `randomize` is left out.
+        As for `evaluate`. All rollouts of a criterion are side by side: the model acts in B
+        environments, after ``reset(B)`` where it has such a method. `randomize` is left out.
     criteria : mapping
         By name what is tried, each a `Criterion` or another object with its attributes `unit` and
         `scored` and its method `groups`. ``CRITERIA | {"mine": ...}`` adds one.

@@ -92,7 +92,7 @@ class KnockDowns:
         self._turner, self._lanes = Turner(config, lanes, step), np.arange(lanes)
 
     def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
-        """Return the torques of a step, zero in lanes where the controller acts."""
+        """Return the torques of a step, zero in sub-environments where the controller acts."""
         acts, goal = self.acts[step], self._goals[self._lanes, self._which[step]]
         return self._turner(goal, info["theta"], acts), ~acts
 

@@ -53,23 +53,23 @@ class Result:
 
 
 class Step(NamedTuple):
-    """What happened in one step of B lanes."""
+    """What happened in one step of B sub-environments."""
 
-    running: BoolArray  # lanes whose episode was not over before it, (B,)
+    running: BoolArray  # sub-environments whose episode was not over before it, (B,)
     before: dict[str, Any]  # the info before it
     reward: FloatArray
     info: dict[str, Any]
 
 
 def rollout(controller: Controller, envs: Any, seed: int, options: Any = None) -> Iterator[Step]:
-    """Begin episodes in all lanes and yield every step until all are over; then close `envs`.
+    """Begin episodes in all sub-environments; yield every step until all are over; close `envs`.
 
     Parameters
     ----------
     controller : Controller
     envs : NPendulumVectorEnv
     seed : int
-        Of the first lane, as for `reset`.
+        Of the first sub-environment, as for `reset`.
     options : dict, optional
         For `reset`.
 
@@ -116,7 +116,7 @@ def joint_motion(info: Mapping[str, Any]) -> FloatArray:
 
 
 class JoinedEnvs:
-    """Several vector environments as one: a controller acts on the lanes of all of them at once.
+    """Several vector environments as one: a controller acts on all of them at once.
 
     They show the same observations and take the same actions, and may differ in all else.
     """
@@ -133,7 +133,7 @@ class JoinedEnvs:
         return np.split(values, self._firsts[1:])
 
     def reset(self, seed: int, options: Sequence[dict[str, Any]]) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every lane, of seeds `seed`, `seed` + 1, ..., with options by env."""
+        """Begin an episode in every one, of seeds `seed`, `seed` + 1, ..., with options by env."""
         given = zip(self.envs, self._firsts.tolist(), options, strict=True)
         return self._joined([env.reset(seed=seed + k, options=each) for env, k, each in given])
 

@@ -11,7 +11,7 @@ from npend_gym import _checks
 VALIDATION = 900_000  # the first seed of the episodes in which one of several policies is chosen
 HELD_OUT = 1_000_000  # the first seed of evaluations; training and choosing take other seeds
 _BEYOND = 2**31  # the first seed that is for training again
-MAX_SEED = _BEYOND - 1  # of a training run: as much as all libraries take, with its lanes
+MAX_SEED = _BEYOND - 1  # of a training run: as much as all libraries take, with its environments
 USES = ("training", "validation", "evaluation")
 
 

@@ -1,7 +1,7 @@
-"""What the wrappers of an environment do between it and a model, for any number of lanes.
+"""What the wrappers of an environment do between it and a model, for any number of environments.
 
-A judge makes environments of its own, with other errors and as many lanes as it needs. What wraps
-the environment of a user is therefore applied here, in front of the model: `VecNormalize` and
+A judge makes environments of its own, with other errors and as many environments as it needs. What
+wraps the environment of a user is therefore applied here, in front of the model: `VecNormalize` and
 `VecFrameStack` of Stable-Baselines3, and the wrappers of Gymnasium's vector environments.
 """
 
@@ -102,7 +102,7 @@ def _changes_step(layer: Any) -> bool:
 
 def _in_other_processes(base: Any) -> list[str]:
     """Return the names of the wrappers of an environment in another process, as it prints them."""
-    if not hasattr(base, "get_attr"):  # the lanes of a native one are no environments
+    if not hasattr(base, "get_attr"):  # the sub-environments of a native one are no environments
         return []
     call = getattr(base, "call", None) or base.env_method
     return re.findall(r"<(\w+)(?=<\w+[< ])", call("__str__")[0])
@@ -137,7 +137,7 @@ def _unknown(wrapper: str) -> ValueError:
 
 
 class Behind:
-    """A controller behind the wrappers of an environment, in any number of lanes.
+    """A controller behind the wrappers of an environment, in any number of sub-environments.
 
     The wrappers are from `changing_wrappers`, and are not changed.
     """
@@ -189,7 +189,7 @@ def _observing(wrapper: Any, lanes: int) -> _Change:
 
 
 def _stack_for(kept: Any, lanes: int) -> Any:
-    """Return a copy of the frames of a VecFrameStack, for another number of lanes."""
+    """Return a copy of the frames of a VecFrameStack, for another number of sub-environments."""
     own = copy.copy(kept)
     if hasattr(kept, "stacked_obs"):
         own.stacked_obs = np.zeros((lanes, *kept.stacked_shape), kept.stacked_obs.dtype)
@@ -207,8 +207,8 @@ def _acting(wrapper: Any, lanes: int) -> Callable[[Any], Any]:
 
 
 def _for_lanes(wrapper: Any, space: Any, lanes: int) -> Any:
-    """Return a copy of a wrapper of Gymnasium, for another number of lanes."""
+    """Return a copy of a wrapper of Gymnasium, for another number of sub-environments."""
     own = copy.copy(wrapper)
-    if hasattr(own, "out"):  # where it puts what it makes of each lane
+    if hasattr(own, "out"):  # where it puts what it makes of each sub-environment
         own.out = create_empty_array(space, lanes)
     return own

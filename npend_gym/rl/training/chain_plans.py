@@ -1,10 +1,10 @@
 """Plans that are tracked without a clock, and those for chains that differ from the nominal one.
 
-Plans for other chains make an expert that knows the chain of each lane. The plan for the nominal
-chain is found from a guess. The plan for another chain is found from the plan for the most similar
-chain that has one already. For each chain the plan is kept whose actions are closest to the actions
-of the nominal plan. So similar chains have similar plans: a student learns what changes smoothly
-with the chain.
+Plans for other chains make an expert that knows the chain of each environment. The plan for the
+nominal chain is found from a guess. The plan for another chain is found from the plan for the most
+similar chain that has one already. For each chain the plan is kept whose actions are closest to the
+actions of the nominal plan. So similar chains have similar plans: a student learns what changes
+smoothly with the chain.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Changes = Mapping[str, FloatArray]
 
 
 class PlanTracker:
-    """Plans of equal length, one of them in each lane, each tracked by its own feedback.
+    """Plans of equal length, one of them in each sub-environment, each tracked by its own feedback.
 
     The cost of the feedback, not the clock, decides at which state of a plan a chain is: a student
     that is late, and knows no clock, is not far from the plan.
@@ -76,12 +76,12 @@ class PlanTracker:
         self.begin(np.zeros(0, np.int64))
 
     def begin(self, which: NDArray[np.int64], round_: int = 0) -> None:
-        """Begin episodes in lanes with the plans of these numbers, (B,)."""
+        """Begin episodes in sub-environments with the plans of these numbers, (B,)."""
         del round_
         self._which, self._phase = which, np.zeros(which.size, np.int64)
 
     def tracking(self, info: Mapping[str, Any]) -> Tracking:
-        """Feedback of the plans in the states of all lanes, and how far they are from them.
+        """Feedback of the plans in the states of all environments, and how far they are from them.
 
         From the last step of a plan on, or wherever that is nearer, the goal is held.
         """

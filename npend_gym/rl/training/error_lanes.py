@@ -1,4 +1,4 @@
-"""Lanes of vector environments, in groups: in each group one thing is wrong, or nothing.
+"""Sub-environments of vector environments, in groups: in each group one thing is wrong, or nothing.
 
 What is wrong is what `robustness` tries, drawn between nothing and the largest that is tried there:
 the chain, sensors and motors, pulses of torque.
@@ -29,7 +29,7 @@ _GROWTH, _JUDGED = 1.25, 12  # of a level, after at least so many episodes
 
 
 class Follower:
-    """Motors of B lanes that follow the actions u as lag y' = u - y.
+    """Motors of B sub-environments that follow the actions u as lag y' = u - y.
 
     Within a step of dt seconds the mean of y is u + share (y - u).
     """
@@ -55,7 +55,7 @@ class Follower:
 
 
 def _lags(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
-    """Return the lag of the motors of every lane [s], (B,), which may be drawn."""
+    """Return the lag of the motors of every sub-environment [s], (B,), which may be drawn."""
     if "motor_lag" in config.context_names:
         return info["context"][:, config.context_names.index("motor_lag")]
     return np.full(len(info["time"]), config.motor_lag)
@@ -115,7 +115,7 @@ class ErrorLanes:
 
     @property
     def rank(self) -> FloatArray:
-        """The place of each lane in its group, (B,), from 0 to below 1."""
+        """The place of each sub-environment in its group, (B,), from 0 to below 1."""
         return np.concatenate([np.arange(part.size) / part.size for part in self.parts])
 
     def _make(self, k: int) -> Any:
@@ -138,7 +138,7 @@ class ErrorLanes:
         return self._setting.make(count, randomize=own or None)
 
     def _pulses(self, k: int, seed: int) -> Pulses:
-        """Return pulses of torque for the lanes of a group."""
+        """Return pulses of torque for the sub-environments of a group."""
         joints = Pushes().pushed(self.config)
         pulses = Pulses(self.config, joints, self._steps, len(self.parts[k]), seed)
         pulses.torques *= self.levels[k]
@@ -151,10 +151,10 @@ class ErrorLanes:
         rng: np.random.Generator,
         starts: Mapping[str, FloatArray] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every lane, where lane k has the seed ``seed + k``.
+        """Begin an episode in every sub-environment, where environment k has the seed ``seed + k``.
 
         Some groups are given other chains, drawn from `chains`; the first of these changes nothing.
-        `starts` has options of all lanes, which hold in their later episodes too.
+        `starts` has options of all sub-environments, which hold in their later episodes too.
         """
         self.which[:], given = 0, list[dict[str, Any]]()
         for k, (part, name) in enumerate(zip(self.parts, self.names, strict=True)):
@@ -176,7 +176,7 @@ class ErrorLanes:
         return observation, info
 
     def _begin(self, info: dict[str, Any]) -> None:
-        """Let motors begin in the lanes in which an episode does."""
+        """Let motors begin in the sub-environments in which an episode does."""
         begins = info["time"] == 0.0
         if begins.any():
             drawn = zip(self.lanes.envs, self.lanes.infos, strict=True)
@@ -188,7 +188,7 @@ class ErrorLanes:
         return tracking._replace(actions=self._follower.asked(tracking.actions))
 
     def step(self, action: FloatArray) -> tuple[Any, FloatArray, BoolArray, dict[str, Any]]:
-        """Step all lanes with actions, (B, joints).
+        """Step all sub-environments with actions, (B, joints).
 
         Returns observations, rewards, which episodes were terminated, and info. Where one was
         terminated, the next step begins another.
@@ -199,7 +199,7 @@ class ErrorLanes:
         return observation, reward, terminated, info
 
     def judge(self, lanes: NDArray[np.int64], good: BoolArray) -> None:
-        """Count episodes that were judged, of these lanes, and those that were good."""
+        """Count episodes that were judged, of these sub-environments, and those that were good."""
         groups = self.group[lanes]
         kinds = len(self.names)
         self.judged += [np.bincount(rows, minlength=kinds) for rows in (groups, groups[good])]

@@ -46,9 +46,9 @@ from npend_gym.rl.training.chain_plans import (
 from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, SEVERAL, ErrorLanes
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
-# standard deviation of the noise in each lane, over `noise_std`
+# standard deviation of the noise in each sub-environment, over `noise_std`
 _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64) / 0.1
-_LAGGING = 32.0  # lanes in which the motor has a lag
+_LAGGING = 32.0  # sub-environments in which the motor has a lag
 _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
 _GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
@@ -71,7 +71,7 @@ class Rescued:
         self.pairs: Sequence[Pair] = expert.pairs
 
     def begin(self, which: NDArray[np.int64], round_: int) -> None:
-        """Begin episodes in lanes with the chains of these numbers, (B,)."""
+        """Begin episodes in sub-environments with the chains of these numbers, (B,)."""
         self._expert.begin(which, round_)
         self._helped = self._rescuer.helps(which, round_)
 
@@ -98,12 +98,12 @@ class PolicyRescuer:
         self.begins: float = begins  # cost of a deviation from which it acts
 
     def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
-        """Return in which lanes it acts: in all."""
+        """Return in which sub-environments it acts: in all."""
         del round_
         return np.ones(which.size, np.bool_)
 
     def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
-        """Return the actions in some lanes; `info` is of these alone."""
+        """Return the actions in some sub-environments; `info` is of these alone."""
         del lanes
         state = {key: info[key] for key in _STATE if key in info}
         return self._policy(observation_of(self._policy.config, **state)).astype(np.float64)
@@ -123,12 +123,12 @@ class Replanning(MPC):
         self._plans = plans
 
     def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
-        """Forget the episodes before, and return in which lanes it acts."""
+        """Forget the episodes before, and return in which sub-environments it acts."""
         self.reset()
         return (which == 0) & (round_ % _REPLANNED == 0)
 
     def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
-        """Return the actions in some lanes; `info` is of these alone."""
+        """Return the actions in some sub-environments; `info` is of these alone."""
         return self.plan(state_of(self._config, info), info["time"], lanes)
 
     def _first_plan(self, states: FloatArray, lanes: NDArray[np.int64]) -> Motions:
@@ -267,10 +267,10 @@ def astray(
 ) -> float:
     """Return how far errors lead from a plan that is tracked: a mean logarithm.
 
-    It is that of the largest cost of the deviation in a lane, over the mean at the start. The
-    actions of some lanes have noise. Of others the chain is slightly wrong, which the feedback does
-    not know, or the motor has a lag, which the expert knows; `error_weight` is the weight of the
-    mean of each of these.
+    It is that of the largest cost of the deviation in a environment, over the mean at the start.
+    The actions of some environments have noise. Of others the chain is slightly wrong, which the
+    feedback does not know, or the motor has a lag, which the expert knows; `error_weight` is the
+    weight of the mean of each of these.
     """
     plans, rng, noisy = ChainPlans(config, plan), np.random.default_rng(0), _NOISE.size
     nominal, counts = parameters(config.chain), {NOTHING: float(noisy)}

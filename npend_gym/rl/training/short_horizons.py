@@ -236,7 +236,7 @@ class Collector:
 
     @property
     def states(self) -> FloatArray:
-        """The states of all lanes, (lanes, 2c)."""
+        """The states of all sub-environments, (lanes, 2c)."""
         return states_of(self.config, self.lanes)
 
     @states.setter
@@ -287,7 +287,7 @@ class Collector:
 
     @torch.no_grad()
     def collect(self, actor: nn.Module, exploration: float) -> Horizons:
-        """Return a horizon of every lane; `exploration` is the deviation of the noise."""
+        """Return a horizon of every environment; `exploration` is the deviation of the noise."""
         states, actions, jacobians = [self._tensors()], [], []
         config, context, limits = self.config, self.context, self.limits
         for _ in range(self.settings.horizon):
