@@ -9,7 +9,7 @@ tasks, on a vector environment. SHAC and imitation have the settings of the task
 
 A run of Stable-Baselines3 ends when its policy succeeds in all of 50 validation episodes, or else
 after five minutes of processor time; it is tried now and then. That of SHAC and imitation ends
-where its settings say. The last policy is judged in 100 held-out episodes. Each run is a file in
+where its settings say. The last policy is evaluated in 100 held-out episodes. Each run is a file in
 the folder, so that this can be interrupted, or run several times at once with other `--tasks`.
 All runs of a folder have the same `--budget`.
 `--publish` puts the rows into `docs/results/side_by_side.csv`, the table into the page
@@ -134,7 +134,7 @@ def by_ours(task: str, agent: str, seed: int) -> tuple[npend_gym.rl.Policy, dict
 
 
 def run(task: str, agent: str, seed: int, budget: float) -> dict[str, Any]:
-    """Train, judge in held-out episodes, and return what to keep."""
+    """Train, evaluate in held-out episodes, and return what to keep."""
     found: tuple[Any, dict[str, Any]] = (
         by_ours(task, agent, seed) if agent in OURS else by_sb3(task, agent, seed, budget)
     )

@@ -1,4 +1,4 @@
-"""Behaviour cloning: a network learns the actions of a data set, and is judged in the environment.
+"""Behaviour cloning: a network learns the actions of a data set, and is evaluated.
 
 python examples/make_dataset.py medium --n 2
 python examples/clone_behaviour.py npend/swingup-2/medium-v0

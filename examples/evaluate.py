@@ -131,9 +131,9 @@ def main() -> None:
     if arguments.steps:
         keywords = keywords | {"max_episode_steps": arguments.steps}
     print(f"{arguments.env_id} {keywords}")
-    judged = keywords | {"id": arguments.env_id}
-    evaluation = evaluate(controller, judged, episodes=arguments.episodes, seed=arguments.seed)
-    print(evaluation_text(evaluation.as_row(), setting_of(judged).reward_threshold))
+    evaluated = keywords | {"id": arguments.env_id}
+    evaluation = evaluate(controller, evaluated, episodes=arguments.episodes, seed=arguments.seed)
+    print(evaluation_text(evaluation.as_row(), setting_of(evaluated).reward_threshold))
     if arguments.video:
         seed, seconds, path = arguments.seed, arguments.seconds, arguments.video
         film(controller, keywords, seed, seconds, path, env_id=arguments.env_id)

@@ -1,10 +1,10 @@
-"""Transitions between all equilibria: plan them, or take a policy, and judge each pair.
+"""Transitions between all equilibria: plan them, or take a policy, and evaluate each pair.
 
     python examples/transitions.py 3 --plans plans-3.npz --csv transitions-3.csv
     python examples/transitions.py 2 --pretrained transition-2
 
-The plans are kept in the file `--plans`, and read from it where it exists. Each pair is judged in
-100 episodes of seeds that no plan and no training has seen.
+The plans are kept in the file `--plans`, and read from it where it exists. Each pair is evaluated
+in 100 episodes of seeds that no plan and no training has seen.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def plans_of(keywords: dict[str, Any], path: Path | None, tries: int) -> Planned
     return plans
 
 
-def judge(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, Any]]:
+def evaluated_pairs(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, Any]]:
     """Return a row for every pair of equilibria, with the success in its episodes."""
     setting, rows = setting_of(keywords), list[dict[str, Any]]()
     n = setting.config.n
@@ -99,7 +99,7 @@ def main() -> None:
             )
     else:
         controller = plans_of(keywords, arguments.plans, arguments.tries)
-    rows = judge(controller, keywords)
+    rows = evaluated_pairs(controller, keywords)
     for row in rows:
         print(f"{row['from']} -> {row['to']}: {row['success']} of {EPISODES}")
     share = np.array([row["success"] for row in rows]) / EPISODES

@@ -1,7 +1,7 @@
 """Value iteration with exact dynamics: the acrobot of dm_control swings up from any angles.
 
-    python examples/value_iteration.py                                45 minutes on one core
-    python examples/value_iteration.py --judge acrobot.safetensors    in dm_control, with MuJoCo 3
+    python examples/value_iteration.py    45 minutes on one core
+    python examples/value_iteration.py --evaluate acrobot.safetensors  in dm_control, with MuJoCo 3
 
 One network learns the value of a state by looking ahead. In states that were visited, five actions
 are simulated for 0.1 s each, and the value where they end is added to their rewards. Another
@@ -237,7 +237,7 @@ def train(
     return replace(made, activation="relu", output="tanh"), curve
 
 
-def judge(policy: Policy, episodes: int, seed: int = HELD_OUT) -> FloatArray:
+def evaluate(policy: Policy, episodes: int, seed: int = HELD_OUT) -> FloatArray:
     """Return the returns of a policy in dm_control's own `acrobot swingup`, (episodes,)."""
     from dm_control import suite
 
@@ -254,18 +254,18 @@ def judge(policy: Policy, episodes: int, seed: int = HELD_OUT) -> FloatArray:
 
 
 def main() -> None:
-    """Train a policy, or judge one."""
+    """Train a policy, or evaluate one."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--updates", type=int, default=Settings.updates)
     parser.add_argument("--out", type=Path, default=Path("acrobot.safetensors"), metavar="FILE")
-    parser.add_argument("--judge", type=Path, metavar="FILE", help="a policy, in dm_control")
-    parser.add_argument("--episodes", type=int, default=20, help="of --judge")
+    parser.add_argument("--evaluate", type=Path, metavar="FILE", help="a policy, in dm_control")
+    parser.add_argument("--episodes", type=int, default=20, help="of --evaluate")
     arguments = parser.parse_args()
-    if arguments.judge:
-        returns = judge(Policy.load(arguments.judge), arguments.episodes)
+    if arguments.evaluate:
+        returns = evaluate(Policy.load(arguments.evaluate), arguments.episodes)
         error = returns.std(ddof=1) / math.sqrt(len(returns))
         print(f"mean return {returns.mean():.0f} +- {error:.0f}, {returns.round().tolist()}")
         return

@@ -100,13 +100,13 @@ def run(
     changed = [key for key, _ in env if policy is not None]
     try:
         name, model, keywords = chosen(policy, controller, task, dict(env), env_id, trust=trust)
-        judged: Any = keywords | {"id": env_id}
-        threshold = setting_of(judged).reward_threshold
+        evaluated: Any = keywords | {"id": env_id}
+        threshold = setting_of(evaluated).reward_threshold
     except gym.error.Error as error:
         raise ValueError(f"--env-id must name an environment: {error}") from error
     if engine == "mujoco":
-        judged = in_mujoco(judged)
-    row = rl.evaluate(model, judged, episodes=episodes, seed=seed).as_row()
+        evaluated = in_mujoco(evaluated)
+    row = rl.evaluate(model, evaluated, episodes=episodes, seed=seed).as_row()
     made: dict[str, Any] = {"controller": controller, "task": task or _TASK}
     if policy is not None:
         made = {"policy": policy, "sha256": _files.sha256(policy_path(policy))}
@@ -122,13 +122,13 @@ def run(
     text = [report.evaluation_text(row, threshold)]
     if scores:
         for score in (rl.performance, rl.recovery):
-            found = score(model, judged, seed=seed).as_row()
+            found = score(model, evaluated, seed=seed).as_row()
             result[score.__name__] = found
             rest = ", ".join(f"{key} {value:g}" for key, value in found.items() if key != "score")
             text.append(f"{score.__name__} {found['score']:.3f}: {rest}")
     if robust:
         show = progress("criteria")
-        tried = rl.robustness(model, judged, seed=seed, progress=show).as_dict()
+        tried = rl.robustness(model, evaluated, seed=seed, progress=show).as_dict()
         result["robustness"] = tried
         text.append(report.robustness_text(tried))
     with finishing():

@@ -14,7 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, joint_motion, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, evaluating, setting_of
 
 _EPISODES = 100
 
@@ -46,7 +46,7 @@ class Evaluation:
 
     def __repr__(self) -> str:
         row = self.as_row()
-        if not self._judged:
+        if not self._evaluated:
             return (
                 f"Evaluation({row['episodes']} episodes: the mode defines no success; mean return "
                 f"{row['return']:.2f})"
@@ -70,14 +70,14 @@ class Evaluation:
         """Wilson's confidence interval of 95 % for the success rate."""
         from scipy.stats import binomtest  # takes long to import
 
-        if not self._judged:
+        if not self._evaluated:
             return math.nan, math.nan
         test = binomtest(int(self.success.sum()), self.success.size)
         low, high = test.proportion_ci(method="wilson")
         return float(low), float(high)
 
     @property
-    def _judged(self) -> bool:
+    def _evaluated(self) -> bool:
         """Whether the mode defines a success."""
         return self.success.dtype == np.bool_
 
@@ -88,19 +88,19 @@ class Evaluation:
         """
         rate, (low, high) = self.success_rate, self.success_interval
         settled = self.settling_time[np.isfinite(self.settling_time)]
-        judged = self._judged
+        evaluated = self._evaluated
         return {
             "episodes": self.success.size,
-            "success": rate if judged else None,
-            "success_low": round(low, 4) if judged else None,
-            "success_high": round(high, 4) if judged else None,
+            "success": rate if evaluated else None,
+            "success_low": round(low, 4) if evaluated else None,
+            "success_high": round(high, 4) if evaluated else None,
             "return": round(float(self.returns.mean()), 2),
             "settling_time": round(float(settled.mean()), 2) if settled.size else None,
             "motor_work": round(float(self.motor_work.mean()), 2),
         }
 
 
-@judging
+@evaluating
 def evaluate(
     model: Controller | Model,
     env: EnvLike,

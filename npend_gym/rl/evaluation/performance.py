@@ -18,10 +18,10 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, Result, joint_motion, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, evaluating, setting_of
 
 UP = 0.9  # of the chain's length: the tip above it is up
-_SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged
+_SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is evaluated
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +66,7 @@ class Performance(Result):
         return {name: round(float(values.mean()), 4) for name, values in arrays.items()}
 
 
-@judging
+@evaluating
 def performance(
     model: Controller | Model,
     env: EnvLike,
@@ -138,10 +138,10 @@ def performance(
         angles[k + 1], _ = joint_motion(info) / unit
         speeds[k] = np.where(running[:, None], speed, 0.0)
         up[k + 1] = running & (info["tip_height"] > UP * length)
-    return _judged(config, torques, angles[:, :, config.joints], speeds, up)
+    return _evaluated(config, torques, angles[:, :, config.joints], speeds, up)
 
 
-def _judged(
+def _evaluated(
     config: EnvConfig, torques: FloatArray, angles: FloatArray, speeds: FloatArray, up: BoolArray
 ) -> Performance:
     """Return the criteria of trajectories, (steps, episodes, joints), and their score."""

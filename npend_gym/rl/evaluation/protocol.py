@@ -17,7 +17,7 @@ from npend_gym.rl.evaluation.criteria import CRITERIA, RolloutGroup, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, JoinedEnvs, Result, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, EnvSetting, judging, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, EnvSetting, evaluating, setting_of
 
 
 class Outcome(NamedTuple):
@@ -95,7 +95,7 @@ class Robustness(Result):
         return self.as_row() | {"outcomes": outcomes, "provenance": dict(self.provenance)}
 
 
-@judging
+@evaluating
 def robustness(
     model: Controller | Model,
     env: EnvLike,

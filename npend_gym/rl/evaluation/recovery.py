@@ -22,7 +22,7 @@ from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
 from npend_gym.rl.evaluation.rollouts import Controller, Result, forget, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, evaluating, setting_of
 
 STEP = 0.002  # s, of the motors that knock the chain down; the controller keeps its own step
 # Over the torque limit, 6 N m there: N m/rad, N m/(rad s) and N m s/rad. Their kp = 10, ki = 0.1
@@ -140,7 +140,7 @@ class Recovery(Result):
         return {name: round(float(value), 4) for name, value in found.items()}
 
 
-@judging
+@evaluating
 def recovery(
     model: Controller | Model,
     env: EnvLike,
@@ -212,7 +212,7 @@ def recovery(
         if parts * getattr(config, name) > MAX_DELAY:
             raise ValueError(
                 f"{name} must be at most {MAX_DELAY / parts:g} steps of {config.dt:g} s to be "
-                f"judged by recovery, whose motors act every {STEP:g} s; "
+                f"evaluated by recovery, whose motors act every {STEP:g} s; "
                 f"got {getattr(config, name):g}"
             )
     knocks = KnockDowns(config, config.dt / parts, parts * steps, count, times, length, seed)

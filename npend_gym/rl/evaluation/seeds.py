@@ -1,6 +1,6 @@
-"""Which episodes are for training, which for choosing and which for judging: by their seeds.
+"""Which episodes are for training, which for choosing and which for evaluating: by their seeds.
 
-A policy is judged fairly in episodes that its training has not seen, and that nobody has used to
+A policy is evaluated fairly in episodes that its training has not seen, and that nobody has used to
 choose it. So the seeds of episodes come from `episode_seeds`, whose three ranges never overlap.
 """
 

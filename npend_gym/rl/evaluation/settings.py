@@ -1,4 +1,4 @@
-"""The environment in which a model is judged, however a user names it."""
+"""The environment in which a model is evaluated, however a user names it."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _LIMIT = "_max_episode_steps"  # of gymnasium.wrappers.TimeLimit
 _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 
-def judging(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorate a function that judges a model in an environment, by PyTorch in one thread."""
+def evaluating(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorate a function that evaluates a model in an environment, by PyTorch in one thread."""
     return one_torch_thread()(function)
 
 
@@ -170,12 +170,12 @@ def _no_setting(env: EnvLike) -> TypeError:
 
 
 def _without_making(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keywords of the environments, without those that a judge chooses itself."""
+    """Return the keywords of the environments, without those that an evaluation chooses itself."""
     return {name: value for name, value in keywords.items() if name not in _OF_MAKING}
 
 
 def _registered(env_id: str) -> str | EnvSpec:
-    """Return an id, or its specification without keywords that a judge chooses itself."""
+    """Return an id, or its specification without keywords that an evaluation chooses itself."""
     module, _, name = str(env_id).rpartition(":")
     if module:
         with contextlib.suppress(ImportError):  # gym.make_vec says so

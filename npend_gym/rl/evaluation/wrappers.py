@@ -1,8 +1,9 @@
 """What the wrappers of an environment do between it and a model, for any number of environments.
 
-A judge makes environments of its own, with other errors and as many environments as it needs. What
-wraps the environment of a user is therefore applied here, in front of the model: `VecNormalize` and
-`VecFrameStack` of Stable-Baselines3, and the wrappers of Gymnasium's vector environments.
+An evaluation makes environments of its own, with other errors and as many environments as it needs.
+What wraps the environment of a user is therefore applied here, in front of the model:
+`VecNormalize` and `VecFrameStack` of Stable-Baselines3, and the wrappers of Gymnasium's vector
+environments.
 """
 
 from __future__ import annotations

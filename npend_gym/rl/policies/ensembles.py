@@ -20,7 +20,7 @@ def ensemble(policies: Iterable[Policy], weights: Sequence[float] | None = None)
     """Return one policy whose network gives the mean of the outputs of several.
 
     Seeds of one training make different errors, which partly cancel in their mean. The networks
-    stand side by side in one policy like any other: it is saved, exported and judged in the same
+    stand side by side in one policy like any other: it is saved, exported and evaluated in the same
     way. The mean is taken before the output is bounded.
 
     Parameters
