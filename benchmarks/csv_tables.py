@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from npend_gym._files import replacing
+from npend_gym.tools import replacing
 
 
 def texts(path: Path) -> list[dict[str, Any]]:

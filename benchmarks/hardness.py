@@ -26,14 +26,12 @@ from matplotlib.figure import Figure
 from scipy.linalg import expm, solve_discrete_are
 
 from npend_gym import Cart, Chain, theory
-from npend_gym._checks import FloatArray
-from npend_gym._palette import BLUE, FAINT, ORANGE
-from npend_gym._provenance import machine
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
 from npend_gym.report import panels, styled, write_csv, write_figure
 from npend_gym.rl import HELD_OUT, rollout
-from npend_gym.theory.unstable_modes import with_lag
+from npend_gym.theory import with_lag
+from npend_gym.tools import BLUE, FAINT, ORANGE, FloatArray, machine
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "notes" / "how_hard.md"

@@ -26,9 +26,9 @@ from certify import derivatives, jax_runners, oracle, runners
 from certify.cases import TIMES, Case, read
 from csv_tables import merged_rows
 
-from npend_gym import _provenance
-from npend_gym.cli.common import OK, Parser, can_draw, dispatch, show_written
+from npend_gym import __version__
 from npend_gym.report import prepare_folder, write_csv, write_figure
+from npend_gym.tools import OK, Parser, can_draw, dispatch, machine, show_written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # an extra
@@ -46,7 +46,7 @@ def rows(cases: Sequence[Case], names: Sequence[str]) -> Iterator[Row]:
 
 
 def _rows(pairs: Iterable[tuple[Case, str]], play: Callable[[str, Case], Row]) -> Iterator[Row]:
-    made_by = {"made_by": _provenance.machine()}
+    made_by = {"made_by": machine()}
     for case, name in pairs:
         yield _about(name, case) | _tried(partial(play, name, case)) | made_by
 
@@ -76,7 +76,7 @@ def _about(name: str, case: Case) -> Row:
     try:
         release = version(engine.package.replace("_", "-"))
     except PackageNotFoundError:
-        release = "" if engine.package != "npend_gym" else _provenance.__version__
+        release = "" if engine.package != "npend_gym" else __version__
     about = {"case": case.name, "engine": name, "version": release, "method": engine.method}
     return about | {"precision": engine.precision, "reason": ""}
 

@@ -24,9 +24,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 
 import npend_gym  # noqa: F401  registers the environments
-from npend_gym._provenance import machine
 from npend_gym.report import prepare_file, write_csv
 from npend_gym.rl import SB3VecEnv
+from npend_gym.tools import machine
 
 NUM_ENVS = 64
 TASK = {"n": 2, "mode": "swingup", "observation": "sincos", "max_episode_steps": 200}

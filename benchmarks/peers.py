@@ -19,8 +19,8 @@ from typing import Any
 
 from suites import output, timing
 
-from npend_gym.cli.common import INTERRUPTED, OK, Parser, can_draw, dispatch, show_written, warn
-from npend_gym.report import outputs
+from npend_gym.report import json_text, prepare_folder
+from npend_gym.tools import INTERRUPTED, OK, Parser, can_draw, dispatch, show_written, warn
 
 SUITES = ("dynamics", "environments", "episodes", "derivatives", "accuracy", "chaos",
           "ensembles", "start", "gpu")  # fmt: skip
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(options: dict[str, Any]) -> int:
     out, only, as_json = options["out"], options["only"], options["json"]
     if out is not None:
-        outputs.prepare_folder(out)
+        prepare_folder(out)
     lines = sys.stderr if as_json else sys.stdout
     print(timing.machine(), file=lines)
     written: list[Path] = []
@@ -62,7 +62,7 @@ def _run(options: dict[str, Any]) -> int:
             warn("interrupted: the rows above are complete, the rest is missing")
             break
     if as_json:
-        print(outputs.json_text({"only": only}, **tables))
+        print(json_text({"only": only}, **tables))
     elif written:
         show_written(written)
     return code

@@ -18,10 +18,10 @@ from algorithms import DOCS
 from csv_tables import publish_table
 from tqdm import tqdm
 
-from npend_gym._palette import BLUE, FAINT, ORANGE
 from npend_gym.report import styled, write_csv
 from npend_gym.rl import Policy, evaluate
 from npend_gym.rl.training import ROBUST, env_of_task
+from npend_gym.tools import BLUE, FAINT, ORANGE
 
 TASKS = ("swingup-1", "calm-2")
 FACTORED = ("masses", "lengths", "gravity", "max_torque")  # of ROBUST; damping has values

@@ -38,7 +38,6 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 import npend_gym
-from npend_gym._provenance import machine
 from npend_gym.envs import EnvConfig
 from npend_gym.report import write_csv, write_json
 from npend_gym.rl import (
@@ -49,6 +48,7 @@ from npend_gym.rl import (
     interquartile_mean,
 )
 from npend_gym.rl.training import env_of_task, imitation, shac
+from npend_gym.tools import machine
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "examples"))

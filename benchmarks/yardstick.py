@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
-from npend_gym._provenance import machine
 from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.rk4 import RK4_ROWS, rk4_step
 from npend_gym.physics.kernels.tensions import ChainArrays
 from npend_gym.report import prepare_file, write_csv
+from npend_gym.tools import machine
 
 LANES, STEPS, H, GRAVITY = 256, 20, 1e-3, 9.81
 ROUNDS = 60

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reference" / "names.md"
 FACES = (
     "", "chain", "physics", "theory", "chaos", "identification", "envs", "rl", "rl.training",
-    "torch", "export", "experiments", "report", "render",
+    "torch", "export", "experiments", "report", "render", "tools",
 )  # fmt: skip
 HEAD = """\
 # All names, with their arguments

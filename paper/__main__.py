@@ -9,22 +9,23 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym import IntegrationError
-from npend_gym._threads import check_threads
-from npend_gym.cli.common import (
+from npend_gym.report import json_text
+from npend_gym.tools import (
     FAILED,
     INTERRUPTED,
     OK,
     Parser,
+    angles,
     can_draw,
+    check_threads,
     dispatch,
+    integers,
     open_closed_streams,
     prepare_results,
     progress,
     show_written,
     warn,
 )
-from npend_gym.cli.values import angles, integers
-from npend_gym.report import outputs
 from paper import law_tables, report
 from paper.claims import claims
 from paper.com_law import LawCell, LawGrid, law_rows, limit_rows
@@ -132,7 +133,7 @@ def run(options: dict[str, Any]) -> int:
     if options.get("json", False) and (findings or cells):
         arguments = {"only": wanted, "kane_n": kane_n} | (grid.as_dict() if cells else {})
         tables = {"findings": report.audit_rows(findings), "law": law_rows(cells), "limits": limits}
-        print(outputs.json_text(arguments, **{name: rows for name, rows in tables.items() if rows}))
+        print(json_text(arguments, **{name: rows for name, rows in tables.items() if rows}))
     elif findings or cells:
         texts = [report.audit_text(findings)] if findings else []
         print(*texts, *([law_tables.law_text(cells, limits)] if cells else []), sep="\n\n")

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import Chain, _checks, pseudo_periods, theory
-from npend_gym._checks import FloatArray
+from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments import PAPER_AMPLITUDE
+from npend_gym.tools import FloatArray, array, in_radians, listed, positive
 from paper.hesitation import EARLY, heights
 from paper.third_order import MAX_THIRD_ORDER, AmplitudeGrowth, amplitude_growth
 
@@ -100,16 +100,14 @@ class LawGrid:
     amplitudes: ArrayLike = TEST_AMPLITUDES
 
     def __post_init__(self) -> None:
-        counts = [Chain.uniform(n).n for n in _checks.listed("n_values", self.n_values, "[2, 5]")]
-        angles = np.ravel(
-            _checks.positive("amplitudes", _checks.array("amplitudes", self.amplitudes))
-        )
+        counts = [Chain.uniform(n).n for n in listed("n_values", self.n_values, "[2, 5]")]
+        angles = np.ravel(positive("amplitudes", array("amplitudes", self.amplitudes)))
         for name, values in (("n_values", counts), ("amplitudes", angles)):
             if len(values) == 0:
                 raise ValueError(f"{name} must hold at least one number, got none")
         largest = float(angles.max())
         if largest > np.pi / 2:
-            raise ValueError(f"amplitudes must lie {_checks.in_radians('pi/2', largest)}")
+            raise ValueError(f"amplitudes must lie {in_radians('pi/2', largest)}")
         vars(self).update(n_values=tuple(counts), amplitudes=angles)
 
     @classmethod

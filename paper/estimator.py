@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from npend_gym import Chain, simulate
-from npend_gym._checks import FloatArray
+from npend_gym.tools import FloatArray
 
 LISTING_DURATION = 10.0  # s
 LISTING_FRAMES_PER_SECOND = 100

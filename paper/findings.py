@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
-from npend_gym import _checks
+from npend_gym.tools import count, show
 from paper.checks.kane import KANE_N
 from paper.claims import Claim, claims, render
 from paper.registry import CHECKS, Outcome, Verdict, call
@@ -33,7 +33,7 @@ def selected(only: Sequence[str] | None = None) -> list[str]:
             near = get_close_matches(name, sorted(names), cutoff=0.0)
             raise ValueError(
                 f"only must name findings or modules of the audit, such as {', '.join(near)}; "
-                f"got {_checks.show(name)}"
+                f"got {show(name)}"
             )
     return [key for key, group in known.items() if only is None or key in only or group in only]
 
@@ -55,7 +55,7 @@ def audit(only: Sequence[str] | None = None, *, kane_n: int = KANE_N) -> Iterato
     ImportError
         If SymPy is not installed and a finding needs it.
     """
-    kane_n = _checks.count("kane_n", kane_n, low=4, high=30)
+    kane_n = count("kane_n", kane_n, low=4, high=30)
     return (finding(key, kane_n=kane_n) for key in selected(only))
 
 

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
-from npend_gym._checks import FloatArray
 from npend_gym.physics import tensions
+from npend_gym.tools import FloatArray
 
 EARLY = 0.8  # T1: a bob that completes before this has not swung to and fro
 _RTOL = 1e-8

@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import _checks
-from npend_gym._checks import FloatArray
-from npend_gym._extras import require
+from npend_gym.tools import FloatArray, count, number, require, vector
 
 MAX_N = 100  # takes a day; the time grows as the cube of n
 
@@ -45,7 +43,7 @@ def derive(n: int) -> KaneEquations:
     ValueError, TypeError
         If `n` is not a positive integer.
     """
-    n = _checks.count("n", n, high=MAX_N)
+    n = count("n", n, high=MAX_N)
     sympy, mechanics = sympy_and_mechanics()
     q = mechanics.dynamicsymbols(f"q:{n}")
     u = mechanics.dynamicsymbols(f"u:{n}")
@@ -107,12 +105,12 @@ def kane_accelerations(n: int) -> Accelerations:
         theta: ArrayLike, omega: ArrayLike, masses: ArrayLike, lengths: ArrayLike, gravity: float
     ) -> FloatArray:
         vectors = [
-            _checks.vector(name, value, n)
+            vector(name, value, n)
             for name, value in (
                 ("theta", theta), ("omega", omega), ("masses", masses), ("lengths", lengths)
             )
         ]  # fmt: skip
-        system: Matrices = evaluate(*vectors, _checks.number("gravity", gravity))
+        system: Matrices = evaluate(*vectors, number("gravity", gravity))
         return np.linalg.solve(*system)[:, 0].astype(np.float64, copy=False)
 
     return accelerations

@@ -21,9 +21,16 @@ from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
 from npend_gym import Chain, pseudo_periods, theory
-from npend_gym._checks import FloatArray
-from npend_gym.experiments import PAPER_AMPLITUDE, Estimate, power_law
-from npend_gym.experiments.fits import LAW_FROM, LAW_UP_TO, amplitude_factor, estimates
+from npend_gym.experiments import (
+    LAW_FROM,
+    LAW_UP_TO,
+    PAPER_AMPLITUDE,
+    Estimate,
+    amplitude_factor,
+    estimates,
+    power_law,
+)
+from npend_gym.tools import FloatArray
 
 N_VALUES = (1, 2, 3, 5, 10, 20, 50, 100, 200)
 AMPLITUDES = (

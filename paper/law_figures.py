@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from npend_gym import theory
-from npend_gym._palette import BLACK, FAINT, GREEN, ORANGE, PINK
 from npend_gym.experiments import PAPER_AMPLITUDE
+from npend_gym.tools import BLACK, FAINT, GREEN, ORANGE, PINK
 from paper.law import Law, Scan
 
 if TYPE_CHECKING:

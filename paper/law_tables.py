@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from npend_gym.report.outputs import write_results
+from npend_gym.report import write_results
 from paper.com_law import LawCell, LawGrid, law_rows
 from paper.hesitation import EARLY
 

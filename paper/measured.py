@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from npend_gym import Chain, pseudo_periods, theory
-from npend_gym._checks import FloatArray
+from npend_gym.tools import FloatArray
 from paper.estimator import LISTING_DURATION, listing_periods
 
 PAPER_GRAVITY = 9.8  # m/s^2: the model's in the paper's last listing; its simulation has 9.81

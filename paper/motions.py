@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from npend_gym import Chain
-from npend_gym._checks import FloatArray
 from npend_gym.physics import accelerations
+from npend_gym.tools import FloatArray
 from paper.registry import Outcome, check, holds_if, slip_if
 
 EXACT = 1e-11  # relative: what rounding may leave of an identity

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import theory
-from npend_gym._checks import FloatArray
 from npend_gym.experiments import PAPER_N
+from npend_gym.tools import FloatArray
 from paper.claims import printed
 from paper.estimator import LISTING_DURATION
 from paper.measured import RODS, bob_periods, fundamental_periods, ideal_periods

@@ -60,10 +60,12 @@ class Drawing(NamedTuple):
 
     def draw(self, data: Any) -> Figure:
         """Return `data` as a figure in the package's style."""
-        from npend_gym.report import style
+        from matplotlib.figure import Figure
 
-        with style.context():
-            figure = style.Figure(figsize=self.size)
+        from npend_gym.report import context
+
+        with context():
+            figure = Figure(figsize=self.size)
             self.fill(figure, data)
         return figure
 

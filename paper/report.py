@@ -8,8 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from npend_gym import _files
 from npend_gym.report import prepare_folder, write_csv, write_figure, write_manifest
+from npend_gym.tools import replacing
 from paper.claims import claims, render
 from paper.findings import KANE_N, Finding, by_section, selected
 from paper.registry import DRAWINGS, TABLES, Verdict, call
@@ -176,7 +176,7 @@ def write(
                 drawn.append(name)
         complete = not interrupted and len(findings) == len(selected(only))
     finally:
-        with _files.replacing(out / "audit.md") as file:
+        with replacing(out / "audit.md") as file:
             file.write(audit_markdown(findings, drawn))
         made.append(out / "audit.md")
         arguments: dict[str, Any] = {"only": only, "kane_n": kane_n}

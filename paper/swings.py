@@ -13,8 +13,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from npend_gym import Chain, simulate, theory
-from npend_gym._checks import FloatArray
 from npend_gym.theory import normal_modes
+from npend_gym.tools import FloatArray
 
 _PER_TURN = 8  # samples in a period of the fastest mode
 _HALVINGS = 50  # of the time between two samples

@@ -19,11 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import Chain, _checks
-from npend_gym._checks import FloatArray
-from npend_gym.chain import check_hung
-from npend_gym.chain.inertia import link_inertia
+from npend_gym import Chain
+from npend_gym.chain import check_hung, link_inertia
 from npend_gym.theory import normal_modes
+from npend_gym.tools import FloatArray, count, show, vector
 from paper.swings import reversals
 
 MAX_THIRD_ORDER = 400  # rods: the work grows as n^3
@@ -82,24 +81,24 @@ def amplitude_growth(chain: Chain, shape: ArrayLike = 1.0) -> AmplitudeGrowth:
     0.0625
     """
     check_hung(chain, "amplitude_growth")
-    n = _checks.count("n", chain.n, high=MAX_THIRD_ORDER)
+    n = count("n", chain.n, high=MAX_THIRD_ORDER)
     lift, gravity, inertia = chain.lift, chain.gravity, link_inertia(chain)
     if gravity == 0.0 or np.any(lift <= 0.0):
         raise ValueError(f"chain must hang straight at rest, under gravity; got {chain}")
     omega, modes = normal_modes(chain)
     weight = lift @ modes**2
-    start = _checks.vector("shape", shape, n)
+    start = vector("shape", shape, n)
     columns = modes * ((modes.T @ (lift * start)) / weight)  # the angles of each mode, over a
     if np.all(np.abs(lift @ columns) <= _NO_MOMENTUM * (lift @ np.abs(columns))):
-        raise ValueError(f"shape must give the chain a momentum, got {_checks.show(shape)}")
+        raise ValueError(f"shape must give the chain a momentum, got {show(shape)}")
     period = float(reversals(omega, (lift @ columns) * omega, 2)[1])
     q, rate = np.zeros((2, n))  # of the modes, of order a^3
-    count = math.ceil(period * omega[-1] / _PANEL)
+    parts = math.ceil(period * omega[-1] / _PANEL)
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
-    for first in range(0, count, _PANELS):
-        panels = np.arange(first, min(first + _PANELS, count))
-        t = ((panels[:, None] + 0.5 * (nodes + 1.0)) * (period / count)).ravel()
-        dt = np.tile(weights, panels.size) * (0.5 * period / count)
+    for first in range(0, parts, _PANELS):
+        panels = np.arange(first, min(first + _PANELS, parts))
+        t = ((panels[:, None] + 0.5 * (nodes + 1.0)) * (period / parts)).ravel()
+        dt = np.tile(weights, panels.size) * (0.5 * period / parts)
         force = _cubic_force(inertia, gravity * lift, *_motion(omega, columns, t))
         drive = (modes.T @ force) * (omega**2 / (gravity * weight))[:, None] * dt
         ahead = np.outer(omega, period - t)

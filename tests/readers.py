@@ -144,7 +144,7 @@ def _campaign(folder: Path) -> dict[str, Reader]:
 
 def _plan_files(folder: Path) -> dict[str, Reader]:
     toml = b"n = [2, 3]\namplitude = [0.3, 0.7]\ntrials = 50\nseed = 4\nmasses = [1.0, 2]\n"
-    yaml = b"n: [2, 3]\namplitude:\n  - 0.3\n  - 0.7\ntrials: 50\nreading: bob\nchain: null\n"
+    yaml = b"n: [2, 3]\namplitude:\n  - 0.3\n  - 0.7\ntrials: 50\ndefinition: bob\nchain: null\n"
     values = {"n": 2, "chain": {"masses": [1.0, 2.0], "lengths": [1.0, 1.0]}, "trials": 5}
     given = {".toml": toml, ".yaml": yaml, ".json": json.dumps(values).encode()}
     mutate = {".toml": mutations.of_bytes, ".yaml": mutations.of_bytes, ".json": mutations.of_json}

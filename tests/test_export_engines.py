@@ -148,7 +148,10 @@ def test_other_dynamics_would_be_noticed():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["swingup-1", "swingup-2", "swingup-3", "balance-2"])
+@pytest.mark.parametrize(
+    "name",
+    ["swingup-1", "swingup-2", pytest.param("swingup-3", marks=pytest.mark.nightly), "balance-2"],
+)
 def test_a_policy_succeeds_as_often_in_mujoco(name):
     policy = rl.Policy.pretrained(name)
     own = rl.evaluate(policy, policy.env, episodes=30)

@@ -493,6 +493,7 @@ def test_the_measured_double_pendulum_is_predicted_better_than_with_its_publishe
 
 
 # some chains hardly move, others turn over again and again: both are warned of
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_errors():
     """Of 10 recordings of 5 s at 50 Hz with 0.01 rad of noise; the torques, which are known, tell

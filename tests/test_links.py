@@ -12,10 +12,10 @@ from npend_gym import Chain, chaos, simulate
 from npend_gym.physics import accelerations, linearise, mass_matrix
 from npend_gym.physics.energy import (
     centre_of_mass,
-    energy,
     energy_of_links,
     kinetic_energy,
     positions,
+    total_energy,
 )
 from npend_gym.physics.substeps import default_substeps
 
@@ -149,13 +149,13 @@ def test_the_energy_is_that_of_the_mass_matrix_and_of_the_heights_and_of_all_lin
         expected = 0.5 * omega @ matrix[2:, 2:] @ omega
         assert kinetic_energy(chain, theta, omega) == pytest.approx(expected, rel=1e-13)
         rise = centre_of_mass(chain, theta) - centre_of_mass(chain, np.zeros(4))
-        height = energy(chain, theta, np.zeros(4)) / chain.gravity / chain.masses.sum()
+        height = total_energy(chain, theta, np.zeros(4)) / chain.gravity / chain.masses.sum()
         assert height == pytest.approx(rise[1], rel=1e-12)
         of_links = energy_of_links(chain, theta, omega).sum()
-        assert of_links == pytest.approx(energy(chain, theta, omega), rel=1e-13)
+        assert of_links == pytest.approx(total_energy(chain, theta, omega), rel=1e-13)
         many = chain.repeated(2)
-        again = energy(many, np.array([theta, theta]), np.array([omega, omega]))
-        np.testing.assert_allclose(again, energy(chain, theta, omega), rtol=1e-15)
+        again = total_energy(many, np.array([theta, theta]), np.array([omega, omega]))
+        np.testing.assert_allclose(again, total_energy(chain, theta, omega), rtol=1e-15)
 
 
 BOBS = Chain([1.0, 2.0, 0.5], [0.5, 1.0, 0.7], damping=[0.3, 0.1, 0.2])

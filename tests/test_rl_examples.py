@@ -131,6 +131,7 @@ def test_train_sb3_trains_resumes_and_writes_a_policy_and_its_card(script, tmp_p
     assert successes_in(printed)[1] == "5"
 
 
+@pytest.mark.nightly
 @pytest.mark.long
 def test_train_sb3_balances_two_rods_with_the_settings_of_its_file(script, tmp_path):
     script("train_sb3.py", "balance-2", "--seed", 1, "--out", "a")

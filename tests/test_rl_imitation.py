@@ -185,6 +185,7 @@ def test_the_policy_acts_as_the_student_does(length):
         observation, *_, info = envs.step(action)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "env",
     [{"mode": "calm", "n": 2}, {"mode": "balance", "base": "cart"}],
@@ -228,6 +229,7 @@ def test_a_round_of_which_nothing_is_kept_is_refused_by_the_settings_that_keep(c
         imitation.train(dataclasses.replace(settings, lost=0.0))
 
 
+@pytest.mark.nightly
 def test_a_student_with_a_memory_swings_one_rod_up_with_late_sensors():
     settings = imitation.settings_of(
         "swingup-1-robust", seconds=3.0, rounds=12, num_envs=96, hidden=32, updates=200

@@ -57,7 +57,10 @@ SHORT_RAIL = {"base": "cart", "rail": 1.8, "max_force": 10.0}  # of "npend/CartT
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("n", "rail"), [(3, "default"), (4, "default"), (5, "short")])
+@pytest.mark.parametrize(
+    ("n", "rail"),
+    [(3, "default"), (4, "default"), pytest.param(5, "short", marks=pytest.mark.nightly)],
+)
 def test_a_plan_swings_up_three_to_five_rods_on_a_cart_in_held_out_episodes(n, rail):
     keywords = {"n": n, "mode": "swingup", "base": "cart"}
     if rail == "short":

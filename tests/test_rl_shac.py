@@ -192,7 +192,9 @@ def test_what_differs_between_episodes_is_known_to_rewards_observations_and_step
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("task", ["swingup-1", "swingup-1-cart"])
+@pytest.mark.parametrize(
+    "task", ["swingup-1", pytest.param("swingup-1-cart", marks=pytest.mark.nightly)]
+)
 def test_shac_learns_to_swing_up_one_rod_in_twenty_thousand_steps(task):
     policy, curve = train(settings_of(task))
     assert curve[-1]["steps"] <= 20_000
@@ -215,6 +217,7 @@ def test_ranges_are_wider_in_training_than_in_the_record():
     assert policy.env["randomize"]["masses"] == [0.8, 1.2]
 
 
+@pytest.mark.nightly
 @pytest.mark.long
 def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
     settings = settings_of("swingup-2-pendubot", total_timesteps=32_000)

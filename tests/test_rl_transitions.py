@@ -178,6 +178,7 @@ def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merg
     torch.testing.assert_close(together.merged()(inputs), expected, atol=1e-4, rtol=0.0)
 
 
+@pytest.mark.nightly
 def test_a_network_for_each_goal_is_trained_and_becomes_one_policy():
     imitation = pytest.importorskip("npend_gym.rl.training.imitation")
     small = {"seconds": 3.0, "guesses": 1, "num_envs": 128, "hidden": 24, "rounds": 8}

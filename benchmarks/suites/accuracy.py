@@ -21,10 +21,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from npend_gym import Chain, simulate
-from npend_gym._checks import FloatArray
-from npend_gym.physics.energy import energy
-from npend_gym.physics.kernels.dynamics import derivative, new_work
-from npend_gym.physics.kernels.link_terms import arrays_of
+from npend_gym.physics import right_hand_side, total_energy
+from npend_gym.tools import FloatArray
 from suites.dynamics import mujoco_chain
 from suites.timing import Peers
 
@@ -84,7 +82,7 @@ def _measure(method: str, setting: str, make: Callable[[], Solver], chain: Chain
         best = min(best, time.process_time() - begin)
         if best > 2.0:  # long enough to need no repetition
             break
-    energies = energy(chain, frames[:, : chain.n], frames[:, chain.n :])
+    energies = total_energy(chain, frames[:, : chain.n], frames[:, chain.n :])
     return Measurement(method, setting, best, float(np.abs(energies / energies[0] - 1.0).max()))
 
 
@@ -104,13 +102,8 @@ def _scipy(
     chain: Chain, times: FloatArray, method: Literal["DOP853", "LSODA"], rtol: float
 ) -> Solver:
     n = chain.n
-    rods, torque, work = arrays_of(chain.repeated(1)), np.zeros(n), new_work(n)
+    right_side = right_hand_side(chain)
     start = np.concatenate([np.full(n, np.pi / 4), np.zeros(n)])
-
-    def right_side(_t: float, y: FloatArray) -> FloatArray:
-        dydt = np.empty(2 * n)
-        derivative(y, torque, rods, work, dydt)
-        return dydt
 
     def run() -> FloatArray:
         span, atol = (times[0], times[-1]), 1e-2 * rtol

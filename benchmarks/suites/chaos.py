@@ -17,9 +17,9 @@ import numpy as np
 from scipy.integrate import simpson
 
 from npend_gym import Chain, theory
-from npend_gym._checks import FloatArray
 from npend_gym.chaos import largest_lyapunov, lyapunov_spectrum, periodic_orbits, tangents
 from npend_gym.physics import mass_matrix, simulate
+from npend_gym.tools import FloatArray
 from suites.timing import Peers, Row, timed
 
 ANGLE = 2.0  # rad, of both rods at the start

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.step import Chains, Cut, State, vjp
+from npend_gym.tools import FloatArray
 from suites.dynamics import many_steps, mujoco_chain, row_of
 from suites.timing import Job, Peers, Row
 

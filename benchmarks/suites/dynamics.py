@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from npend_gym import Chain
-from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, packs
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, new_work
 from npend_gym.physics.kernels.link_terms import arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_step
+from npend_gym.tools import FloatArray
 from suites.timing import Job, Peers, Row, rates
 
 LANES = 256  # chains side by side

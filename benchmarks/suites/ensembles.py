@@ -18,11 +18,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from npend_gym import Chain
-from npend_gym._checks import FloatArray
 from npend_gym.chaos import flip_times
-from npend_gym.physics import energy, simulate
-from npend_gym.physics.kernels.dynamics import derivative, new_work
-from npend_gym.physics.kernels.link_terms import arrays_of
+from npend_gym.physics import right_hand_side, simulate, total_energy
+from npend_gym.tools import FloatArray
 from suites.chaos import heyoka_equations
 from suites.timing import Peers, Row, timed
 
@@ -60,21 +58,14 @@ def rows(peers: Peers, motions: int = 10_000, side: int = 1000) -> Iterator[Row]
 
 def _error(chain: Chain, starts: FloatArray, theta: FloatArray, omega: FloatArray) -> float:
     """Return the largest error of the energy, by the lifting energy."""
-    before = energy.energy(chain, starts, np.zeros_like(starts))
-    after = energy.energy(chain, theta, omega)
+    before = total_energy(chain, starts, np.zeros_like(starts))
+    after = total_energy(chain, theta, omega)
     return float(np.abs(after - before).max() / chain.lifting_energy)
 
 
 def _scipy_rate(chain: Chain, starts: FloatArray) -> float:
     """Return motions per second, with the package's compiled right side."""
-    arrays, work, slope = arrays_of(chain.repeated(1)), new_work(2), np.empty(4)
-    still = np.zeros(2)
-
-    def right_side(t: float, y: FloatArray) -> FloatArray:
-        del t
-        derivative(y, still, arrays, work, slope)
-        return slope.copy()
-
+    right_side = right_hand_side(chain)
     right_side(0.0, np.zeros(4))
     begin = time.process_time()
     for start in starts:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from npend_gym import Chain
-from npend_gym._checks import FloatArray
 from npend_gym.physics import DeviceChains, Ensemble
+from npend_gym.tools import FloatArray
 from suites.timing import Job, Peers, Row, rates
 
 LANES = (1_000, 10_000, 100_000, 1_000_000)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
-from npend_gym import _provenance
+from npend_gym import tools
 
 ROUNDS = 15  # a machine shared with others is quiet for moments only
 SECONDS = 0.15  # CPU time of a job in a round, at least
@@ -111,4 +111,4 @@ def timed(run: Callable[[], _T]) -> tuple[_T, float]:
 
 def machine() -> str:
     """Return the versions of everything that is compared, and the processor."""
-    return _provenance.machine(_PEERS)
+    return tools.machine(_PEERS)

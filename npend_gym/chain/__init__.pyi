@@ -2,6 +2,7 @@ from npend_gym.chain.cart import Cart as Cart
 from npend_gym.chain.choice import as_chain as as_chain
 from npend_gym.chain.choice import plain_keywords as plain_keywords
 from npend_gym.chain.choice import preset_name as preset_name
+from npend_gym.chain.inertia import link_inertia as link_inertia
 from npend_gym.chain.model import Chain as Chain
 from npend_gym.chain.model import check_chain as check_chain
 from npend_gym.chain.model import check_hung as check_hung

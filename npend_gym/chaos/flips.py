@@ -11,7 +11,7 @@ from npend_gym._threads import Call, check_threads, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.arguments import check_rtol
-from npend_gym.physics.energy import energy
+from npend_gym.physics.energy import total_energy
 from npend_gym.physics.equations import States, states_of
 from npend_gym.physics.kernels.drive import Flips
 from npend_gym.physics.motion import pack_of, packs_of
@@ -87,7 +87,7 @@ def flip_times(
     if chain.stiffness is None and pivot_acceleration is None:  # no energy comes from elsewhere
         lower = np.minimum(chain.lift, 0.0)  # links whose weight is above their joint
         needed = float(2.0 * chain.gravity * (chain.lift - lower + lower.sum()).min())
-        reaches = energy(chain, q[:, :n], u[:, :n]) >= needed
+        reaches = total_energy(chain, q[:, :n], u[:, :n]) >= needed
     followed = np.flatnonzero(~over & reaches)
     loads = np.zeros((followed.size, states.loads.shape[-1]))
     started = States(states.mechanism, q[followed], u[followed], loads)

@@ -16,6 +16,8 @@ from npend_gym.experiments.campaign.statistics import Statistics as Statistics
 from npend_gym.experiments.fits import LAW_FROM as LAW_FROM
 from npend_gym.experiments.fits import LAW_UP_TO as LAW_UP_TO
 from npend_gym.experiments.fits import Estimate as Estimate
+from npend_gym.experiments.fits import amplitude_factor as amplitude_factor
+from npend_gym.experiments.fits import estimates as estimates
 from npend_gym.experiments.fits import power_law as power_law
 from npend_gym.experiments.flip_map import FlipMap as FlipMap
 from npend_gym.experiments.release import PAPER_AMPLITUDE as PAPER_AMPLITUDE

@@ -51,7 +51,7 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
     Returns
     -------
     NPendulumVectorEnv
-        `npend_gym.rl.evaluate` takes it, too, and plays as many lanes in MuJoCo as it has episodes.
+        `npend_gym.rl.evaluate` takes it, too, and plays all its episodes in MuJoCo at once.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class MujocoEpisodes(Episodes):
         super().__init__(config, count, threads, max_steps)
 
     def _run(self, plan: Plan) -> None:
-        """Move the lanes by MuJoCo; the step kernel, in which none is active, only judges them."""
+        """Move the chains by MuJoCo; the step kernel, in which none is active, only judges them."""
         if plan is not self._stepping:
             super()._run(plan)
             return
@@ -174,7 +174,7 @@ class MujocoVectorEnv(NPendulumVectorEnv):
         return super().reset(seed=seed, options=options)
 
     def set_state(
-        self, state: States, lanes: ArrayLike | None = None
+        self, state: States, which: ArrayLike | None = None
     ) -> tuple[ObsArray, dict[str, Any]]:
         """Continue from states as `NPendulumVectorEnv.set_state` does, all of the chain as made."""
         mine = self._episodes.snapshots.take(np.zeros(1, np.int64), np.zeros(1, np.bool_))
@@ -184,7 +184,7 @@ class MujocoVectorEnv(NPendulumVectorEnv):
                 "state must be one of the chain as made, which MuJoCo's model has: take it from an "
                 "episode without options for the chain"
             )
-        return super().set_state(state, lanes)
+        return super().set_state(state, which)
 
 
 def _parameters(states: Any) -> FloatArray:

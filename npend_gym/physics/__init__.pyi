@@ -1,8 +1,13 @@
 from npend_gym.physics.derivatives import DifferentiableEnsemble as DifferentiableEnsemble
 from npend_gym.physics.derivatives import StepGradient as StepGradient
 from npend_gym.physics.derivatives import StepJacobian as StepJacobian
+from npend_gym.physics.energy import kinetic_energy as kinetic_energy
+from npend_gym.physics.energy import positions as positions
+from npend_gym.physics.energy import potential_energy as potential_energy
+from npend_gym.physics.energy import total_energy as total_energy
 from npend_gym.physics.ensemble import Ensemble as Ensemble
 from npend_gym.physics.equations import accelerations as accelerations
+from npend_gym.physics.equations import right_hand_side as right_hand_side
 from npend_gym.physics.equations import tensions as tensions
 from npend_gym.physics.events import Event as Event
 from npend_gym.physics.gpu import DeviceChains as DeviceChains

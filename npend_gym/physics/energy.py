@@ -111,15 +111,33 @@ def lift_from(lift: Any, half_sines: Any) -> Any:
     return (lift * (2.0 * half_sines**2)).sum(-1)
 
 
-def energy(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
-    """Return the total energy above rest [J], shape (...)."""
+def total_energy(
+    chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
+) -> FloatArray:
+    """Kinetic and potential energy above rest [J], shape (...).
+
+    Parameters
+    ----------
+    chain : Chain
+        With a pivot at rest and rigid rods; of others `Trajectory.energy` has it.
+    theta, omega : ndarray, shape (..., n)
+        Angles [rad] and angular velocities [rad/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain
+    >>> from npend_gym.physics import total_energy
+    >>> float(total_energy(Chain.uniform(1, gravity=10.0), np.array([np.pi]), np.array([2.0])))
+    22.0
+    """
     return kinetic_energy(chain, theta, omega) + potential_energy(chain, theta)
 
 
 def energy_of_links(
     chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
 ) -> FloatArray:
-    """Return the energy of each link with its rotor [J], shape (..., n); their sum is `energy`."""
+    """Return the energy of each link with its rotor [J], (..., n); their sum is `total_energy`."""
     moving = chain.masses * (centre_velocities(chain, theta, omega) ** 2).sum(axis=-1)
     turning = chain.inertias * omega**2 + _rotors(chain, omega)
     risen = 2.0 * chain.lengths * sincos(0.5 * theta)[0] ** 2  # 1 - cos theta, for small angles too

@@ -9,6 +9,7 @@ as few operations by `npend_gym.physics.kernels.recursion`, as are all other mec
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.energy import sincos, velocities
-from npend_gym.physics.kernels.dynamics import new_work
+from npend_gym.physics.kernels.dynamics import derivative, new_work
 from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.kernels.states import solve_states
 from npend_gym.physics.mechanism import (
@@ -204,6 +205,42 @@ def accelerations(
     """
     states = states_of(chain, theta, omega, torque, **more)
     return _solve(states)[0]
+
+
+def right_hand_side(chain: Chain) -> Callable[[float, FloatArray], FloatArray]:
+    """Compiled right-hand side of the equations of motion, for integrators of other libraries.
+
+    Parameters
+    ----------
+    chain : Chain
+        Of any kind; nothing drives it.
+
+    Returns
+    -------
+    callable
+        From a time [s], which it does not depend on, and a state (2m,), coordinates before their
+        rates, to the rates of the state, a new array. Coordinates are the angles [rad], then the
+        position of a cart [m], then the stretches of springs [m]. It checks nothing.
+
+    Examples
+    --------
+    >>> from scipy.integrate import solve_ivp
+    >>> from npend_gym import Chain
+    >>> from npend_gym.physics import right_hand_side
+    >>> f = right_hand_side(Chain.uniform(1))
+    >>> solve_ivp(f, (0.0, 1.0), [0.1, 0.0], rtol=1e-10, atol=1e-12).y[0, -1].round(4).item()
+    -0.1
+    """
+    mechanism = mechanism_of([chain])
+    arrays, work = mechanism.arrays(), new_work(mechanism.size)
+    loads = np.zeros(mechanism.size)
+
+    def rates(_t: float, state: FloatArray) -> FloatArray:
+        slope = np.empty(state.size)
+        derivative(state, loads, arrays, work, slope)
+        return slope
+
+    return rates
 
 
 def tensions(

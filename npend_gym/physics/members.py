@@ -87,7 +87,7 @@ class Members:
         It is relative to the pivot. On a cart it leaves out the motion of the cart, so that its
         change is not `work`.
         """
-        return _energy.energy(self.parameters, self.theta, self.omega)
+        return _energy.total_energy(self.parameters, self.theta, self.omega)
 
     @property
     def positions(self) -> FloatArray:

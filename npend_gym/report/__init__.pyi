@@ -2,14 +2,17 @@ from npend_gym.report.campaign_report import analysis_text as analysis_text
 from npend_gym.report.campaign_report import write_analysis as write_analysis
 from npend_gym.report.identification_report import identification_text as identification_text
 from npend_gym.report.identification_report import write_identification as write_identification
+from npend_gym.report.outputs import json_text as json_text
 from npend_gym.report.outputs import prepare_file as prepare_file
 from npend_gym.report.outputs import prepare_folder as prepare_folder
 from npend_gym.report.outputs import write_csv as write_csv
 from npend_gym.report.outputs import write_figure as write_figure
 from npend_gym.report.outputs import write_json as write_json
 from npend_gym.report.outputs import write_manifest as write_manifest
+from npend_gym.report.outputs import write_results as write_results
 from npend_gym.report.robustness_report import evaluation_text as evaluation_text
 from npend_gym.report.style import TRIALS as TRIALS
+from npend_gym.report.style import context as context
 from npend_gym.report.style import panels as panels
 from npend_gym.report.style import shade as shade
 from npend_gym.report.style import styled as styled

@@ -11,10 +11,12 @@ from npend_gym.theory.comparison import models as models
 from npend_gym.theory.modes import fastest_frequency as fastest_frequency
 from npend_gym.theory.modes import fundamental_period as fundamental_period
 from npend_gym.theory.modes import normal_modes as normal_modes
+from npend_gym.theory.rope import SLOWEST as SLOWEST
 from npend_gym.theory.rope import com_ratio as com_ratio
 from npend_gym.theory.rope import release_profile as release_profile
 from npend_gym.theory.small_releases import com_period as com_period
 from npend_gym.theory.small_releases import small_angle_periods as small_angle_periods
+from npend_gym.theory.unstable_modes import with_lag as with_lag
 from npend_gym.theory.upright import Hardness as Hardness
 from npend_gym.theory.upright import LeastAction as LeastAction
 from npend_gym.theory.upright import hardness as hardness

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from npend_gym import Chain, theory
-from npend_gym._palette import ORANGE
 from npend_gym.chaos import Growth, neighbour_distance, tangent_growth, volume_change
 from npend_gym.experiments import PAPER_AMPLITUDE, power_law
 from npend_gym.physics import linearise
+from npend_gym.tools import ORANGE
 from paper.motions import samples
 from paper.registry import Figure, Outcome, check, figure, holds_if, table
 

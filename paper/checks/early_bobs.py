@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
 from npend_gym.experiments import PAPER_AMPLITUDE
+from npend_gym.tools import AMBER, BLACK, BLUE, GREEN, ORANGE
 from paper import hesitation
 from paper.hesitation import EARLY, Velocities
 from paper.registry import Figure, Outcome, check, figure, holds_if, table

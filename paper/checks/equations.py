@@ -7,9 +7,9 @@ from typing import Any, cast
 import numpy as np
 
 from npend_gym import Chain
-from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY
-from npend_gym.physics.energy import kinetic_energy, positions
+from npend_gym.physics import kinetic_energy, positions
+from npend_gym.tools import FloatArray
 from paper import motions
 from paper.kane import sympy_and_mechanics
 from paper.motions import Array, Motion, compare, formula, lagrangian, partial_rates

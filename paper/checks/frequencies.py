@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from npend_gym import Chain, theory
-from npend_gym._checks import FloatArray
+from npend_gym.tools import FloatArray
 from paper.checks.linear import paper_matrices
 from paper.motions import samples
 from paper.registry import Outcome, check, holds_if, slip_if

@@ -1,7 +1,6 @@
 """What the paper says of integrators: Runge-Kutta of appendix C, Euler's error, odeint."""
 
 import math
-from collections.abc import Callable
 from functools import cache
 from itertools import count
 from typing import Any, cast
@@ -10,13 +9,9 @@ import numpy as np
 from scipy.integrate import odeint
 
 from npend_gym import Chain, IntegrationError, simulate, theory
-from npend_gym._checks import FloatArray
-from npend_gym._palette import BLUE, ORANGE
 from npend_gym.experiments import PAPER_AMPLITUDE, power_law
-from npend_gym.physics import accelerations, linearise
-from npend_gym.physics.energy import energy
-from npend_gym.physics.kernels.dynamics import derivative, new_work
-from npend_gym.physics.kernels.link_terms import arrays_of
+from npend_gym.physics import accelerations, linearise, right_hand_side, total_energy
+from npend_gym.tools import BLUE, ORANGE, FloatArray
 from paper.checks.chaos import neighbour_growth
 from paper.estimator import LISTING_DURATION
 from paper.motions import samples
@@ -34,19 +29,6 @@ def state_after(chain: Chain, state: FloatArray, span: float, dt: float = 0.0) -
     how: dict[str, Any] = {"method": "rk4", "dt": dt} if dt else {"rtol": 1e-14, "atol": 1e-16}
     path = simulate(chain, state[: chain.n], state[chain.n :], [0.0, span], **how)
     return np.concatenate([path.theta[-1], path.omega[-1]])
-
-
-def rates(chain: Chain) -> Callable[[float, FloatArray], FloatArray]:
-    """Return the function (t, state) -> d/dt (theta, omega) of Eq. (32)."""
-    # The kernel, without the checks of `accelerations`: odeint calls it 100 000 times
-    rods, work, torque = arrays_of(chain.repeated(1)), new_work(chain.n), np.zeros(chain.n)
-
-    def f(_t: float, state: FloatArray) -> FloatArray:
-        out = np.empty(state.size)
-        derivative(state, torque, rods, work, out)
-        return out
-
-    return f
 
 
 @cache
@@ -122,7 +104,7 @@ def _draw_errors(figure: Figure, data: Any) -> None:
 
 @check("rk4-formula")
 def _formula() -> Outcome:
-    f, tau = rates(CHAIN), 0.01
+    f, tau = right_hand_side(CHAIN), 0.01
     k1 = tau * f(0.0, START)  # Eqs. (56) and (57); their Y_4 is K_4
     k2 = tau * f(0.5 * tau, START + 0.5 * k1)
     k3 = tau * f(0.5 * tau, START + 0.5 * k2)
@@ -134,7 +116,7 @@ def _formula() -> Outcome:
 
 @check("taylor")
 def _taylor() -> Outcome:
-    velocity = rates(CHAIN)(0.0, START)
+    velocity = right_hand_side(CHAIN)(0.0, START)
     bend = linearise(CHAIN, START[:3], START[3:]).A @ velocity  # second derivative of the state
     series = START + np.multiply.outer(STEPS, velocity) + np.multiply.outer(0.5 * STEPS**2, bend)
     order = power_law(STEPS, np.linalg.norm(series - truths(), axis=1)).value
@@ -143,7 +125,7 @@ def _taylor() -> Outcome:
 
 @check("local-error")
 def _local_error() -> Outcome:
-    omega, alpha = np.split(rates(CHAIN)(0.0, START), 2)
+    omega, alpha = np.split(right_hand_side(CHAIN)(0.0, START), 2)
     euler = START[:3] + np.multiply.outer(STEPS, omega)
     errors = np.linalg.norm(euler - truths()[:, :3], axis=1)
     ratios = errors / (0.5 * STEPS**2 * np.linalg.norm(alpha))  # by Eq. (34)
@@ -179,9 +161,9 @@ def odeint_errors(n: int, length: float) -> tuple[float, float]:
     """Return the largest errors of the paper's odeint within 10 s: angle [rad], relative energy."""
     chain, times = Chain.uniform(n, length=length), np.linspace(0.0, 10.0, 1000)
     start = np.concatenate([np.full(n, PAPER_AMPLITUDE), np.zeros(n)])
-    state = cast("FloatArray", odeint(rates(chain), start, times, tfirst=True))
+    state = cast("FloatArray", odeint(right_hand_side(chain), start, times, tfirst=True))
     reference = simulate(chain, PAPER_AMPLITUDE, 0.0, times, rtol=1e-13, atol=1e-14)
-    kept = energy(chain, state[:, :n], state[:, n:])
+    kept = total_energy(chain, state[:, :n], state[:, n:])
     drift = float(np.max(np.abs(kept / kept[0] - 1.0)))
     return float(np.max(np.abs(state[:, :n] - reference.theta))), drift
 

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from npend_gym import Chain
-from npend_gym._checks import FloatArray
-from npend_gym._palette import BLACK, BLUE, ORANGE
 from npend_gym.experiments import power_law
 from npend_gym.physics import accelerations
+from npend_gym.tools import BLACK, BLUE, ORANGE, FloatArray
 from paper.kane import derive, kane_accelerations, sympy_and_mechanics
 from paper.motions import Array, Motion, largest_error
 from paper.registry import Figure, Outcome, Verdict, check, figure, holds_if, table

@@ -6,7 +6,7 @@ import numpy as np
 
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments import LAW_FROM, LAW_UP_TO, PAPER_AMPLITUDE, PAPER_SPREAD
-from npend_gym.theory.rope import SLOWEST
+from npend_gym.theory import SLOWEST
 from paper import law
 from paper.hesitation import heights
 from paper.law import Law, Scan, fit_law, scan

@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from npend_gym import Chain, simulate, theory
-from npend_gym._checks import FloatArray
 from npend_gym.experiments import power_law
 from npend_gym.physics import accelerations, linearise, mass_matrix
+from npend_gym.tools import FloatArray
 from paper.motions import largest_error, samples
 from paper.registry import Outcome, Verdict, check, holds_if
 

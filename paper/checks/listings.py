@@ -10,8 +10,8 @@ import time
 import numpy as np
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym._checks import FloatArray
 from npend_gym.experiments import PAPER_AMPLITUDE, PAPER_N
+from npend_gym.tools import FloatArray
 from paper.estimator import (
     LISTING_DURATION,
     LISTING_FRAMES_PER_SECOND,

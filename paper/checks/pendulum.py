@@ -9,8 +9,7 @@ from scipy.special import ellipj, ellipk
 from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.experiments import PAPER_AMPLITUDE, power_law
-from npend_gym.physics import accelerations, linearise
-from npend_gym.physics.energy import potential_energy
+from npend_gym.physics import accelerations, linearise, potential_energy
 from paper.registry import Outcome, Verdict, check, holds_if, slip_if
 
 PENDULUM = Chain(masses=1.3, lengths=0.7)  # not of unit size, so that no factor can hide

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from npend_gym import Chain, theory
-from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.experiments import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
+from npend_gym.tools import FloatArray
 from paper.checks.series import MAX_TERMS, printed_sums
 from paper.claims import printed
 from paper.measured import PAPER_GRAVITY, bob_periods

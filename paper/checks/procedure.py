@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import Chain, Trajectory, pseudo_periods, simulate, theory
-from npend_gym._checks import FloatArray
-from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE, SKY
 from npend_gym.chaos import neighbour_distance
 from npend_gym.experiments import PAPER_AMPLITUDE, PAPER_N, PAPER_TRIALS, power_law
+from npend_gym.tools import AMBER, BLACK, BLUE, GREEN, ORANGE, SKY, FloatArray
 from paper.checks.periods import FRACTIONS, listing_bars
 from paper.estimator import LISTING_DURATION
 from paper.measured import bob_periods, fundamental_periods, ideal_periods

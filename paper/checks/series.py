@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from npend_gym import theory
-from npend_gym._checks import FloatArray
 from npend_gym.experiments import PAPER_AMPLITUDE
+from npend_gym.tools import FloatArray
 from paper.checks.pendulum import LENGTH, measured_period
 from paper.readings import ERRORS
 from paper.registry import Outcome, Verdict, check, holds_if

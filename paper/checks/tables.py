@@ -5,9 +5,8 @@ from itertools import product
 import numpy as np
 
 from npend_gym import Chain, pseudo_periods, theory
-from npend_gym._checks import FloatArray
-from npend_gym._palette import AMBER, BLACK, FAINT, GREEN
 from npend_gym.experiments import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
+from npend_gym.tools import AMBER, BLACK, FAINT, GREEN, FloatArray
 from paper import readings as tried
 from paper.readings import AMPLITUDES, AS_WRITTEN, ERRORS, HALF_DIGIT, Grid, grid
 from paper.registry import Figure, Outcome, check, figure, holds_if, table

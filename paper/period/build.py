@@ -4,9 +4,8 @@ from pathlib import Path
 
 import typst
 
-from npend_gym import _files
-from npend_gym.cli.common import Parser
 from npend_gym.report import prepare_folder
+from npend_gym.tools import Parser, replacing
 
 HERE = Path(__file__).parent
 
@@ -17,7 +16,7 @@ if __name__ == "__main__":
     parser.add_argument("--pages", action="store_true", help="write each page as PNG, too")
     options = parser.parse_args()
     prepare_folder(options.folder, "FOLDER must be")
-    with _files.replacing(options.folder / "period_of_a_released_chain.pdf", binary=True) as file:
+    with replacing(options.folder / "period_of_a_released_chain.pdf", binary=True) as file:
         file.write(typst.compile(HERE / "period.typ"))
     print("set:", options.folder / "period_of_a_released_chain.pdf")
     if options.pages:

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from npend_gym import Chain, _files, pseudo_periods, theory
-from npend_gym.cli.common import Parser
+from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments import PAPER_AMPLITUDE
-from npend_gym.theory.rope import SLOWEST
+from npend_gym.theory import SLOWEST
+from npend_gym.tools import Parser, replacing
 from paper import hesitation
 from paper.checks.law import growth_of_the_middle
 from paper.findings import outcome
@@ -298,7 +298,7 @@ def main() -> None:
         if not arguments.quick:
             kept[key] = value
             text = json.dumps(dict(sorted(kept.items())), indent=1, ensure_ascii=False)
-            with _files.replacing(FILE) as file:
+            with replacing(FILE) as file:
                 file.write(text + "\n")
 
 

@@ -12,11 +12,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from npend_gym import Chain, _files, pseudo_periods, theory
-from npend_gym._palette import AMBER, BLACK, BLUE, FAINT, GREEN, ORANGE, PINK
-from npend_gym.cli.common import Parser
+from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments import PAPER_AMPLITUDE
 from npend_gym.report import panels, styled
+from npend_gym.tools import AMBER, BLACK, BLUE, FAINT, GREEN, ORANGE, PINK, Parser, replacing
 from paper.period import front, growth_map
 from paper.period.compute import BEYOND, com_period
 from paper.registry import DRAWINGS, call
@@ -127,6 +126,6 @@ if __name__ == "__main__":
         parser.error(f"no figure of the paper: {', '.join(sorted(unknown))}")
     for name in names or FIGURES:
         path = HERE / f"{name}.svg"
-        with _files.replacing(path, binary=True) as file:
+        with replacing(path, binary=True) as file:
             FIGURES[name]().savefig(file, format="svg", metadata={"Date": None})
         print("drawn:", path)

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from npend_gym import Chain, _checks
-from npend_gym.cli.common import OK, Parser, dispatch
+from npend_gym import Chain
 from npend_gym.report import prepare_file, write_csv
+from npend_gym.tools import OK, Parser, dispatch, nonnegative_number
 
 _SHOWN = 11  # columns: the table of the front has hundreds
 
@@ -36,7 +36,7 @@ def write_rows(
 
     def run(text: str) -> tuple[int, float]:
         n, _, value = text.partition(":")
-        return Chain.uniform(int(n)).n, _checks.nonnegative_number(unit, float(value))
+        return Chain.uniform(int(n)).n, nonnegative_number(unit, float(value))
 
     def write(options: dict[str, Any]) -> int:
         prepare_file(options["out"], (".csv",))

@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import j0, j1, jn_zeros
 
-from npend_gym import Chain, _checks, simulate, theory
-from npend_gym._checks import FloatArray
+from npend_gym import Chain, simulate, theory
 from npend_gym.experiments import PAPER_AMPLITUDE
+from npend_gym.tools import FloatArray, count, positive_number
 from paper.hesitation import front_passes
 from paper.period.files import read_rows, write_rows
 
@@ -134,8 +134,8 @@ def measured(n: int, amplitude: float, at: Sequence[float] = PLACES) -> list[Ret
 
     The acceleration is a mean over two steps of `AROUND`, for single rods make waves.
     """
-    chain = Chain.uniform(_checks.count("n", n, low=3))
-    amplitude = _checks.positive_number("amplitude", amplitude)
+    chain = Chain.uniform(count("n", n, low=3))
+    amplitude = positive_number("amplitude", amplitude)
     unit = 2.0 * math.sqrt((n + 0.5) * float(chain.lengths[0]) / chain.gravity)
     t1, squares = theory.fundamental_period(chain), [x**2 for x in at]
     tip, *returns = (front_passes(n, amplitude, [0.0, *squares], _FRAMES) * t1).tolist()

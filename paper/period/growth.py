@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from npend_gym import Chain
-from npend_gym._checks import FloatArray
 from npend_gym.chaos import tangents
 from npend_gym.experiments import PAPER_AMPLITUDE
+from npend_gym.tools import FloatArray
 from paper.period.files import write_rows
 
 FILE = Path(__file__).with_name("growth.csv")

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import Chain, _checks
-from npend_gym._checks import FloatArray
+from npend_gym import Chain
 from npend_gym.theory import normal_modes
+from npend_gym.tools import FloatArray, vector
 from paper.period.files import read_rows, write_rows
 from paper.third_order import amplitude_growth
 
@@ -53,7 +53,7 @@ def slowest(chain: Chain) -> FloatArray:
 
 def growth(chain: Chain, shape: ArrayLike = 1.0) -> float:
     """Return 16 b of a start with angles like `shape`, straight if left out."""
-    start = _checks.vector("shape", shape, chain.n)
+    start = vector("shape", shape, chain.n)
     middle = chain.lift @ start / chain.lift.sum()  # the angle of the centre of mass
     return 16.0 * amplitude_growth(chain, start / middle).com
 

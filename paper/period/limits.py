@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from npend_gym import Chain, pseudo_periods, theory
-from npend_gym._checks import FloatArray
 from npend_gym.experiments import PAPER_AMPLITUDE
 from npend_gym.theory import normal_modes
+from npend_gym.tools import FloatArray
 from paper.third_order import amplitude_growth
 
 RODS = 20

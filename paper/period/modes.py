@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from npend_gym import Chain, simulate
-from npend_gym._checks import FloatArray
 from npend_gym.experiments import PAPER_AMPLITUDE
 from npend_gym.theory import normal_modes
+from npend_gym.tools import FloatArray
 from paper.period.files import write_rows
 from paper.period.growth import APART, STARTS, WINDOWS
 

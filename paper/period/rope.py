@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import j1, jn_zeros
 
 from npend_gym import theory
-from npend_gym._checks import FloatArray
+from npend_gym.tools import FloatArray
 
 _POINTS = 16  # of Gauss's quadrature in a panel
 _PANEL = 6.0  # rad of the fastest term in a panel: fourfold the fastest mode

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import jn_zeros
 
 from npend_gym import Chain, theory
-from npend_gym._checks import FloatArray
 from npend_gym.experiments import PAPER_AMPLITUDE
+from npend_gym.tools import FloatArray
 from paper.period import growth_map, modes
 from paper.period.files import read_rows
 from paper.period.registry import number

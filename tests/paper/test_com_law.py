@@ -25,6 +25,7 @@ def test_the_law_holds_to_what_is_promised():
             assert cell.early == pytest.approx(np.mean(expected < EARLY))
 
 
+@pytest.mark.nightly
 @pytest.mark.long
 def test_the_law_holds_for_long_chains():
     grid = LawGrid((50, 200), np.linspace(0.1, 1.0, 4))

@@ -10,7 +10,7 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.physics.energy import energy
+from npend_gym.physics.energy import total_energy
 from npend_gym.rl.controllers.regulators import StateFeedback, riccati, time_scale, turned_by
 from npend_gym.rl.controllers.step_model import check_config, checked_place, env_actions, state_of
 
@@ -44,7 +44,7 @@ class EnergySwingUp:
         chain, n, states = config.chain.hung(), config.n, state_of(config, info)
         q, u = np.split(states, 2, axis=-1)
         theta, omega, scale = q[..., :n], u[..., :n], time_scale(config)
-        has, (rates, momentum) = energy(chain, theta, omega), self._driven(theta, u)
+        has, (rates, momentum) = total_energy(chain, theta, omega), self._driven(theta, u)
         if config.cart_mass is not None:
             has = has - 0.5 * momentum**2 / (float(chain.masses.sum()) + config.cart_mass)
         missing = 1.0 - has[..., None] / chain.lifting_energy
