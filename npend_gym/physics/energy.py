@@ -60,7 +60,7 @@ def centre_of_mass(chain: Chain | ChainParameters, theta: FloatArray) -> FloatAr
 def kinetic_energy(
     chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
 ) -> FloatArray:
-    """Return sum_i (m_i |v_i|^2 + I_i omega_i^2 + rotor_i) / 2 [J], shape (...).
+    """Return sum_i (m_i v_i^2 + I_i omega_i^2 + rotor_i) / 2 [J], shape (...).
 
     v_i is the velocity of a centre of mass, and rotor_i that of `Chain.gear`. The paper's T leaves
     the masses out.
