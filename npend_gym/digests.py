@@ -81,7 +81,7 @@ GOLDEN: dict[str, str] = {
 # fmt: on
 
 
-class Outcome(NamedTuple):
+class Digest(NamedTuple):
     """A check with the expected and the computed SHA-256 of its results."""
 
     name: str
@@ -94,13 +94,13 @@ class Outcome(NamedTuple):
         return self.golden == self.found
 
 
-def outcomes() -> Iterator[Outcome]:
+def outcomes() -> Iterator[Digest]:
     """Yield the outcome of every check."""
     for name, compute in checks().items():
         digest = hashlib.sha256()
         for array in compute():
             digest.update(np.ascontiguousarray(array).tobytes())
-        yield Outcome(name, GOLDEN.get(name, ""), digest.hexdigest())
+        yield Digest(name, GOLDEN.get(name, ""), digest.hexdigest())
 
 
 def checks() -> dict[str, Callable[[], Iterator[Any]]]:

@@ -11,7 +11,7 @@ from test_identification import DATA, TRUE, recorded
 from npend_gym import Chain, identify, simulate, theory
 from npend_gym.cli import main
 from npend_gym.identification import Identification, read_motion
-from npend_gym.identification.fit import Problem, _hold_out
+from npend_gym.identification.fit import FitProblem, _hold_out
 from npend_gym.identification.motion import check_motion
 from npend_gym.identification.parameters import new_model, values_of
 from npend_gym.identification.uncertainty import undetermined
@@ -380,10 +380,10 @@ def test_lengths_in_millimetres_or_centimetres_bring_a_warning_before_the_fit():
     for length, period in ((300.0, 35), (60.0, 16)):  # g / 3^2 is 1.09 m
         about = f"with one of about {period} s; are these milliseconds, centimetres or milli"
         with pytest.warns(UserWarning, match=about):
-            Problem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, length))
-    Problem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, 1.0))  # warns of nothing
+            FitProblem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, length))
+    FitProblem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, 1.0))  # warns of nothing
     slowly = check_motion(times * 50.0, np.sin(3.0 * times), np.sin(times))
-    Problem(slowly, Chain(1.0, 1.0))  # nor where motors move the link so slowly
+    FitProblem(slowly, Chain(1.0, 1.0))  # nor where motors move the link so slowly
 
 
 def test_what_was_taken_in_place_of_masses_and_centres_is_said():

@@ -84,7 +84,7 @@ def run(
     out : folder, optional
         Write fit.json (the chain), identification.json, residuals.csv and figures there.
     """
-    from npend_gym.identification.fit import Problem
+    from npend_gym.identification.fit import FitProblem
     from npend_gym.report import identification_report as report
 
     single = {"lengths": lengths, "masses": masses, "centres": centres, "gravity": gravity}
@@ -99,7 +99,7 @@ def run(
             f"--lengths or --chain must be given: angles do not determine lengths{ratio}"
         )
     known: Any = {"masses": 1.0} | single if chain is None else chain
-    problem = Problem(motion, known, **chosen)
+    problem = FitProblem(motion, known, **chosen)
     if out is not None:
         prepare_results(out, "npend identify")
     figures = out is not None and can_draw()

@@ -54,7 +54,7 @@ def run(
     count = 5 if n is None else n
     angle = ReleaseExperiment().amplitude if amplitude is None else amplitude
     given = None if chain is None else as_chain(chain)
-    start = live_page.Start(angle, count, given)
+    start = live_page.FirstState(angle, count, given)
     page = out or _PAGE
     prepare_file(page, player.SUFFIXES)
     policies = [Policy.pretrained(f"swingup-{rods}") for rods in _POLICIES]

@@ -25,9 +25,9 @@ def run(*, as_json: bool = False) -> int:
         Print JSON instead of a table.
     """
     from npend_gym._provenance import machine
-    from npend_gym.digests import Outcome, outcomes
+    from npend_gym.digests import Digest, outcomes
 
-    done: list[Outcome] = []
+    done: list[Digest] = []
     for outcome in outcomes():
         done.append(outcome)
         if not as_json:

@@ -127,7 +127,7 @@ def identify(
     0.05
     """
     motion = with_position(check_motion(times, theta, torque, piece), position)
-    return Problem(motion, chain, fit, segment, held_out).solve()
+    return FitProblem(motion, chain, fit, segment, held_out).solve()
 
 
 def prediction_rmse(
@@ -173,12 +173,12 @@ def prediction_rmse(
     True
     """
     motion = with_position(check_motion(times, theta, torque, piece), position)
-    problem = Problem(motion, chain, segment=segment)
+    problem = FitProblem(motion, chain, segment=segment)
     fit = problem.stages.judge(problem.stages.model.known, problem.blocks())
     return math.inf if fit is None else fit.rmse
 
 
-class Problem:
+class FitProblem:
     """What `identify` solves, checked; arguments as there.
 
     Raises

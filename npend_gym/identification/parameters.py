@@ -53,7 +53,7 @@ def values_of(chain: Chain) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class FitModel:
     """Which values of a chain are fitted, and what is known of it."""
 
     # with gravity, friction speed and gears, and the masses as far as they are possible
@@ -81,9 +81,9 @@ class Model:
         out[..., self.free] = fitted
         return out
 
-    def fixed(self, values: FloatArray) -> Model:
+    def fixed(self, values: FloatArray) -> FitModel:
         """Return the model that has `values`, (9, n), and fits none."""
-        return Model(self.chain, values, np.zeros_like(self.free))
+        return FitModel(self.chain, values, np.zeros_like(self.free))
 
     @property
     def lower(self) -> FloatArray:
@@ -241,7 +241,7 @@ def weighs(chain: Chain) -> BoolArray:
     return chain.gravity * np.abs(chain.lift) > chain.gravity * _LEAST * levers * chain.masses.sum()
 
 
-def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model:
+def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> FitModel:
     """Return the model that fits the quantities `fit` of all links, as far as data can tell them.
 
     Without torques one value sets the scale and is kept: the lift of link 0, or its inertia
@@ -266,4 +266,4 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model
             f"fit must name something that the data can tell, of {', '.join(QUANTITIES)}; got "
             f"{_checks.show(names)}"
         )
-    return Model(chain, values_of(chain), free)
+    return FitModel(chain, values_of(chain), free)

@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.identification.motion import MAX_DEVIATION, RADIANS, Motion
-from npend_gym.identification.parameters import INERTIA, LIFT, OFFSET, Model, values_of, weighs
+from npend_gym.identification.parameters import INERTIA, LIFT, OFFSET, FitModel, values_of, weighs
 from npend_gym.identification.stages import Fit, Stages
 from npend_gym.physics.arguments import warn_caller
 
@@ -125,7 +125,7 @@ def _slowness(chain: Chain, motion: Motion) -> tuple[float, float, float]:
 
 
 def check_explained(
-    motion: Motion, model: Model, fitted: Fit, duration: float, longest: float
+    motion: Motion, model: FitModel, fitted: Fit, duration: float, longest: float
 ) -> None:
     """Refuse, or warn of, a fit that moves otherwise than the data.
 
@@ -153,7 +153,7 @@ def check_explained(
     warn_caller(text)
 
 
-def check_readings(motion: Motion, model: Model, rows: Sequence[slice], error: float) -> None:
+def check_readings(motion: Motion, model: FitModel, rows: Sequence[slice], error: float) -> None:
     """Refuse angles that fit much better with another meaning.
 
     `error` is the root mean square error of these rows as they were given [rad].

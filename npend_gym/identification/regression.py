@@ -32,7 +32,7 @@ from npend_gym.identification.parameters import (
     OFFSET,
     QUADRATIC_DRAG,
     QUANTITIES,
-    Model,
+    FitModel,
 )
 
 _DEGREE = 5  # of the splines
@@ -72,7 +72,7 @@ def smooth(motion: Motion, width: float) -> Smooth:
 
 
 def regress(
-    model: Model, motion: Motion, curves: Smooth, parts: Sequence[slice]
+    model: FitModel, motion: Motion, curves: Smooth, parts: Sequence[slice]
 ) -> FloatArray | None:
     """Return the values, (9, n), that solve the equations of motion best; None if nothing does.
 
@@ -92,7 +92,7 @@ def regress(
         return None
     weights, fitted = np.ones_like(vector), np.zeros(unknown.shape[-1])
     least = 1e-9 * float(np.abs(vector).max())
-    lower = Model(model.chain, known, wanted).lower
+    lower = FitModel(model.chain, known, wanted).lower
     for _ in range(10):  # each link's equations by their own scatter, outliers counted less
         rows = (unknown * weights[..., None]).reshape(-1, fitted.size)
         fitted = bounded(rows, (vector * weights).ravel(), lower)
@@ -104,7 +104,7 @@ def regress(
 
 
 def _equations(
-    model: Model, motion: Motion, curves: Smooth, rows: slice
+    model: FitModel, motion: Motion, curves: Smooth, rows: slice
 ) -> tuple[FloatArray, FloatArray]:
     """Return the matrix, (b, n, 9, n), and the right side, (b, n), of a part with b bumps."""
     n, times, width = motion.links, motion.times[rows], curves.width
@@ -124,7 +124,7 @@ def _equations(
 
 
 def _terms(
-    model: Model, theta: FloatArray, omega: FloatArray, moved: FloatArray | None
+    model: FitModel, theta: FloatArray, omega: FloatArray, moved: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Coefficients of the values in the momenta and in the forces, (T, n, 9, n).
 

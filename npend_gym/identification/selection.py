@@ -11,7 +11,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.identification.least_squares import bounded
-from npend_gym.identification.parameters import OPTIONAL, QUANTITIES, Model
+from npend_gym.identification.parameters import OPTIONAL, QUANTITIES, FitModel
 from npend_gym.identification.stages import Fit, Stages
 from npend_gym.identification.uncertainty import cluster_edges, clusters
 
@@ -40,7 +40,7 @@ class _Trial:
     """The fit of some terms, and the squares of each cluster predicted from the others, (C,)."""
 
     fit: Fit
-    model: Model
+    model: FitModel
     squares: FloatArray
     dropped: tuple[int, str] = (-1, "")  # the row that is no longer fitted, and its value
 
@@ -49,7 +49,7 @@ class _Trial:
         return float(self.squares.sum())
 
 
-def choose(stages: Stages, fit: Fit, model: Model) -> tuple[Fit, Model, list[LeftOut]]:
+def choose(stages: Stages, fit: Fit, model: FitModel) -> tuple[Fit, FitModel, list[LeftOut]]:
     """Return the fit of the terms that the data support, its model, and what it leaves out.
 
     `fit` is that of all terms of `model`. Each cluster of `uncertainty`, at best a swing, is
@@ -83,9 +83,9 @@ def choose(stages: Stages, fit: Fit, model: Model) -> tuple[Fit, Model, list[Lef
     return whole or chosen.fit, chosen.model, left_out
 
 
-def _fewer(model: Model) -> list[tuple[Model, tuple[int, str]]]:
+def _fewer(model: FitModel) -> list[tuple[FitModel, tuple[int, str]]]:
     """Return models with one optional term less, and that term with its value."""
-    out = list[tuple[Model, tuple[int, str]]]()
+    out = list[tuple[FitModel, tuple[int, str]]]()
     for row in OPTIONAL:
         free = model.free.copy()
         free[row] = False
@@ -102,7 +102,7 @@ def _fewer(model: Model) -> list[tuple[Model, tuple[int, str]]]:
 def _trial(
     stages: Stages,
     before: _Trial,
-    model: Model,
+    model: FitModel,
     dropped: tuple[int, str],
     edges: Sequence[int],
     weights: FloatArray,
@@ -122,7 +122,7 @@ def _as_good(squares: FloatArray, best: FloatArray, errors: float) -> bool:
     return float(more.sum()) <= errors * math.sqrt(more.size) * float(more.std(ddof=1))
 
 
-def _predicted(fit: Fit, model: Model, edges: Sequence[int], weights: FloatArray) -> FloatArray:
+def _predicted(fit: Fit, model: FitModel, edges: Sequence[int], weights: FloatArray) -> FloatArray:
     """Return the squares of each cluster as the others predict it, (C,): by one step of Newton's.
 
     The first states follow. The step is bounded as the fitted values are.

@@ -15,7 +15,7 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.identification.least_squares import Point
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.moving_pivot import levers
-from npend_gym.identification.parameters import LIFT, OFFSET, Model
+from npend_gym.identification.parameters import LIFT, OFFSET, FitModel
 from npend_gym.physics.derivatives import DifferentiableEnsemble
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import default_substeps
@@ -43,9 +43,9 @@ class Shooting:
     """
 
     def __init__(
-        self, model: Model, motion: Motion, rows: Sequence[slice], longest: float, rate: float
+        self, model: FitModel, motion: Motion, rows: Sequence[slice], longest: float, rate: float
     ) -> None:
-        self.model: Model = model
+        self.model: FitModel = model
         self.rows: list[slice] = list(rows)
         counts = np.array([each.stop - each.start for each in rows])
         self.measured: BoolArray = np.arange(int(counts.max())) < counts[:, None]

@@ -8,7 +8,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.identification.parameters import Model, weighs
+from npend_gym.identification.parameters import FitModel, weighs
 from npend_gym.identification.uncertainty import Uncertainty
 from npend_gym.theory import normal_modes
 
@@ -22,7 +22,7 @@ def small_periods(chain: Chain) -> FloatArray:
     return 2.0 * math.pi / normal_modes(chain)[0]
 
 
-def small_period_errors(model: Model, fitted: FloatArray, errors: Uncertainty) -> FloatArray:
+def small_period_errors(model: FitModel, fitted: FloatArray, errors: Uncertainty) -> FloatArray:
     """Return the standard errors of these periods, by those of the fitted values (k,)."""
     slopes = list[FloatArray]()
     for k, size in enumerate(model.scale(model.unpack(fitted)).tolist()):

@@ -11,7 +11,7 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym.identification.least_squares import CONVERGED, Solution, solve
 from npend_gym.identification.motion import MIN_ROWS, Motion
-from npend_gym.identification.parameters import Model
+from npend_gym.identification.parameters import FitModel
 from npend_gym.identification.regression import Smooth, regress, smooth
 from npend_gym.identification.shooting import Shooting
 from npend_gym.physics.substeps import MAX_ROTATION, default_substeps
@@ -74,9 +74,9 @@ class Fit:
 class Stages:
     """Fits of a model to one motion, whose first states come from splines of it."""
 
-    def __init__(self, motion: Motion, model: Model) -> None:
+    def __init__(self, motion: Motion, model: FitModel) -> None:
         self.motion: Motion = motion
-        self.model: Model = model
+        self.model: FitModel = model
         self.period: float = motion.period()
         self._interval = float(np.median(np.diff(motion.times)))
         self._curves = smooth(motion, 0.25 * self.period)
@@ -86,7 +86,7 @@ class Stages:
 
     def fit(
         self,
-        model: Model,
+        model: FitModel,
         rows: Sequence[slice],
         start: Fit | FloatArray,
         iterations: int = 50,
@@ -152,7 +152,11 @@ class Stages:
         return may_be_lost and duration >= 2.0 * MIN_ROWS * self._interval
 
     def lengthen(
-        self, parts: Sequence[slice], values: FloatArray, model: Model | None = None, most: int = 50
+        self,
+        parts: Sequence[slice],
+        values: FloatArray,
+        model: FitModel | None = None,
+        most: int = 50,
     ) -> tuple[Fit | None, float]:
         """Return the fit over the longest segments that are possible, and their duration [s].
 
@@ -180,7 +184,12 @@ class Stages:
         return final or best, reached
 
     def _first(
-        self, parts: Sequence[slice], duration: float, model: Model, values: FloatArray, most: int
+        self,
+        parts: Sequence[slice],
+        duration: float,
+        model: FitModel,
+        values: FloatArray,
+        most: int,
     ) -> Fit | None:
         rows = self.motion.cut(parts, duration)
         return self.fit(model, rows, model.pack(values), most, _PASSING)

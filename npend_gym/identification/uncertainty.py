@@ -20,7 +20,7 @@ from npend_gym.identification.parameters import (
     LIFT,
     MARGIN,
     OFFSET,
-    Model,
+    FitModel,
     weighs,
 )
 
@@ -43,7 +43,7 @@ class Uncertainty(NamedTuple):
     rough: bool
 
 
-def uncertainty(solution: Solution, model: Model) -> Uncertainty:
+def uncertainty(solution: Solution, model: FitModel) -> Uncertainty:
     """Return the standard errors of a solution, from how much it depends on each segment.
 
     Errors of a model, and of smoothed measurements, last for many rows, so that rows do not tell
@@ -86,7 +86,7 @@ def uncertainty(solution: Solution, model: Model) -> Uncertainty:
 
 
 def clusters(
-    solution: Solution, model: Model, edges: Sequence[int], weights: FloatArray
+    solution: Solution, model: FitModel, edges: Sequence[int], weights: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the sizes of the k fitted values, and what C clusters say of them in these units.
 
@@ -143,7 +143,7 @@ def _correlation(covariance: FloatArray) -> FloatArray:
 
 
 def undetermined(
-    model: Model, found: Chain, fitted: FloatArray, errors: FloatArray, *, driven: bool
+    model: FitModel, found: Chain, fitted: FloatArray, errors: FloatArray, *, driven: bool
 ) -> list[str]:
     """Return in sentences what the data leave open, and what the chain `found` has in its place."""
     chain, free = model.chain, model.free

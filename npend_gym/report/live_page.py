@@ -57,7 +57,7 @@ class Engine(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Start:
+class FirstState:
     """What the page shows at first.
 
     Parameters
@@ -94,7 +94,7 @@ class Start:
             )
 
 
-def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
+def page(engine: Engine, policies: Sequence[Policy], start: FirstState) -> str:
     """Return the page as text.
 
     Parameters
@@ -103,7 +103,7 @@ def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
         What computes: for the chain of `start`, where it has one.
     policies : sequence of Policy
         What the reader may let swing up rods; none beside a chain.
-    start : Start
+    start : FirstState
     """
     chain, models = start.chain, _models(start.chain)
     data = {
