@@ -186,7 +186,7 @@ def from_other(**keywords):
         (from_other(max_torque=1.0), ValueError, "state must come from .* max_torque"),
         (from_other(randomize=None), ValueError, "state must come from .* randomize"),
         (from_other(chain=Chain.realaigym("C.1"), randomize=None), ValueError, "kind of chain"),
-        (lambda state: state[:3], ValueError, "state must hold 5 lanes, got 3"),
+        (lambda state: state[:3], ValueError, "state must hold 5 sub-environments, got 3"),
         (lambda state: state["rods"], ValueError, "state must come from"),
         (lambda state: state.tolist(), TypeError, r"state must come from get_state\(\)"),
         (lambda _: None, TypeError, r"state must come from get_state\(\), got None"),
