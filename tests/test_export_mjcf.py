@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -73,6 +74,23 @@ def test_motions_of_mujoco_are_those_of_simulate(name):
     assert abs(last - first).max() > 0.1
     by_default = simulate(chain, theta, 0.0, [0.0, SECONDS], **driven)
     np.testing.assert_allclose(by_default.theta[-1], motion.theta[-1], rtol=0.0, atol=1e-6)
+
+
+def test_no_body_has_the_name_of_another_and_a_digit_where_joints_are_two():
+    """Drake names the bodies between the joints of one so: "link1" would be "link10", too."""
+    for n in (10, 11, 120):
+        bodies = ET.fromstring(Chain(np.ones(n), 1.0, stiffness=500.0).to_mjcf()).iter("body")
+        names = [body.get("name") for body in bodies]
+        assert not {f"{name}{k}" for name in names for k in range(10)} & set(names)
+    assert model_of(Chain(np.ones(12), 1.0)).body("link11").id == 12
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_no_joint_is_without_armature_which_genesis_would_replace_by_a_large_one(name):
+    chain = CHAINS[name]
+    armature = model_of(chain).dof_armature
+    assert np.all(armature > 0.0)
+    assert armature.max() <= max(chain.armature.max(), 1e-12)
 
 
 def test_bodies_stand_where_the_bobs_are():

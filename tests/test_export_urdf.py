@@ -1,5 +1,6 @@
 """Chains as robots in URDF: their mass matrix and forces by Pinocchio."""
 
+import json
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -14,6 +15,7 @@ CHAINS = {
     "bobs": Chain([1.0, 0.5, 0.7], [1.0, 0.4, 0.8]),
     "links": Chain([1.0, 0.7], [0.8, 0.5], centres=[0.5, -0.2], inertias=[0.02, 0.0]),
     "cart": Chain([1.0, 0.7], [0.8, 0.5], centres=[0.5, 0.2], inertias=0.02, base=Cart(1.5)),
+    "a motor on the base": Chain([1.0, 0.7], [0.8, 0.5], armature=[0.3, 0.0], gear=5.0),
 }
 
 
@@ -41,6 +43,41 @@ def test_mass_matrix_and_accelerations_of_pinocchio_are_those_of_the_chain(name)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
+LIGHT = {
+    "100 g on 50 cm": Chain.uniform(2, mass=0.1, length=0.5),
+    "0.1 g on 5 cm": Chain.uniform(3, mass=1e-4, length=0.05),
+    "a light cart": Chain.uniform(2, mass=0.01, length=0.1, base=Cart(1e-3)),
+    "losses": Chain.uniform(2, mass=0.1, length=0.5, damping=0.01),
+}
+
+
+@pytest.mark.parametrize("name", [*CHAINS, *LIGHT])
+def test_mujoco_reads_light_links_and_accelerates_them_as_the_chain(name):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    chain, rng = (CHAINS | LIGHT)[name], np.random.default_rng(0)
+    model = mujoco.MjModel.from_xml_string(to_urdf(chain))
+    data, carts = mujoco.MjData(model), int(chain.base is not None)
+    for _ in range(20):
+        theta, omega = rng.uniform(-3.0, 3.0, chain.n), rng.normal(size=chain.n)
+        data.qpos[carts:] = np.diff(theta, prepend=0.0)
+        data.qvel[carts:] = np.diff(omega, prepend=0.0)
+        mujoco.mj_forward(model, data)
+        found = np.append(np.cumsum(data.qacc[carts:]), data.qacc[:carts])
+        expected = accelerations(chain, theta, omega)
+        # MuJoCo takes 2e-14 kg m^2 for the inertia of a bob of 2.5e-7 kg m^2
+        within = 1e-5 if "0.1 g" in name else 1e-7
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=within * abs(expected).max())
+
+
+def test_the_root_is_the_world_which_drake_dart_and_genesis_hold():
+    for chain in CHAINS.values():
+        root = ET.fromstring(chain.to_urdf())
+        children = {each.get("link") for each in root.iter("child")}
+        assert [
+            each.get("name") for each in root.iterfind("link") if each.get("name") not in children
+        ] == ["world"]
+
+
 def test_losses_and_the_cart_stand_in_the_file():
     chain = Chain(1.0, [1.0, 2.0], damping=[0.1, 0.2], friction=0.3, base=Cart(2.0, 0.4))
     root = ET.fromstring(chain.to_urdf())
@@ -58,6 +95,16 @@ def test_what_urdf_does_not_know_is_refused_by_its_name(keywords):
     (name,) = keywords
     with pytest.raises(ValueError, match=f"^{name} must be left out: URDF has no such thing"):
         to_urdf(Chain(1.0, [1.0, 1.0], **keywords))
+
+
+def test_armature_is_dropped_where_a_user_says_so_but_that_of_the_base_stays(tmp_path, capsys):
+    file, out = tmp_path / "chain.json", tmp_path / "chain.urdf"
+    given = {"masses": [1.0, 1.0], "lengths": 1.0}
+    file.write_text(json.dumps(Chain(**given, armature=[0.3, 0.1]).as_dict()))
+    words = ["export", "--chain", str(file), "--to", "urdf", "-o", str(out), "--drop", "armature"]
+    assert main(words) == 0
+    assert "drops armature = [0.3, 0.1]" in capsys.readouterr().err
+    assert out.read_text() == to_urdf(Chain(**given, armature=[0.3, 0.0]))
 
 
 @pytest.mark.long

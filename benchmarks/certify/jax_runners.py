@@ -155,10 +155,10 @@ def _sdf(urdf: str) -> str:
         ET.SubElement(made, "pose", relative_to=relative_to).text = f"{xyz} 0 0 0"
         return made
 
-    base = ET.SubElement(ET.SubElement(model, "link", name="base-link"), "inertial")
+    base = ET.SubElement(ET.SubElement(model, "link", name="world-link"), "inertial")
     add(base, mass="1")  # of any: it is fixed
     add(ET.SubElement(base, "inertia"), ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
-    add(ET.SubElement(model, "joint", name="held", type="fixed"), parent="world", child="base-link")
+    add(ET.SubElement(model, "joint", name="held", type="fixed"), parent="world", child="world-link")
     for joint in robot.iter("joint"):
         given = {each.tag: each.attrib for each in joint}
         name, parent = joint.attrib["name"], f"{given['parent']['link']}-link"

@@ -238,7 +238,6 @@ def drake(case: Case, dt: float, discrete: bool = False) -> Player:
     plant = every.MultibodyPlant(dt if discrete else 0.0)
     builder.AddSystem(plant)
     every.Parser(plant).AddModelsFromString(_urdf(case), "urdf")
-    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -case.mechanism.gravity])
     plant.Finalize()
     diagram = builder.Build()

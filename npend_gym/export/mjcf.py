@@ -16,6 +16,7 @@ from npend_gym.chain import Chain, check_chain
 
 MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
 OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
+OF_NO_MOTOR = 1e-13  # armature where a chain has none over the mass, or inertia, that a joint moves
 _MAX_BODIES = 496  # which make 500 elements inside each other: MuJoCo reads no more
 _MAX_TIMESTEP = 1.0  # s
 _P = ParamSpec("_P")
@@ -91,8 +92,8 @@ def to_mjcf(
     joint, so that motions agree as far as MuJoCo's time step allows: to 1e-9 over 2 s in the tests.
     MuJoCo gives every body 2e-15 kg m^2 at least, which matters to links of milligrams and
     millimetres: of a bob of 1 mg on 1 mm, accelerations are wrong by 0.3 %.
-    Dry friction is another law there: `frictionloss` holds a joint at rest, where `friction` fades
-    below `friction_speed`.
+    Joints without armature get 1e-13 of the inertia of their link, because Genesis reads 0 as 0.1.
+    Bodies have the names "link{i}", with equal numbers of digits where eleven or more rods stretch.
 
     Examples
     --------
@@ -119,8 +120,9 @@ def to_mjcf(
     if chain.base is not None:
         body = ET.SubElement(body, "body", name="cart")
         _inertial(body, chain.base.mass, place, MIN_INERTIA)
-        damping = text_of(chain.base.damping)
-        ET.SubElement(body, "joint", name="cart", type="slide", axis="1 0 0", damping=damping)
+        cart = ET.SubElement(body, "joint", name="cart", type="slide", axis="1 0 0")
+        cart.set("damping", text_of(chain.base.damping))
+        cart.set("armature", text_of(OF_NO_MOTOR * chain.base.mass))
         _shape(body, type="box", size=text_of(*0.05 * chain.total_length * np.array([2, 1, 1])))
     for i in range(chain.n):
         body = _link(chain, i, body, place)
@@ -143,34 +145,51 @@ def check_known(chain: Chain, where: str, lacks: Sequence[str]) -> None:
 
 def held(chain: Chain, names: Sequence[str]) -> dict[str, str]:
     """Return those of some parameters that matter to a chain, as texts."""
-    geared = np.any(np.isfinite(chain.gear[1:]) & (chain.armature[1:] > 0.0))
+    behind = chain.armature[1:] > 0.0  # the rotor of joint 0 is as good as inertia of link 0
     found: dict[str, Any] = {name: getattr(chain, name) for name in names}
+    matters: dict[str, Any] = found | {
+        "gear": np.isfinite(chain.gear[1:]) & behind, "armature": behind
+    }  # fmt: skip
     return {
         name: _checks.show(value.tolist())
         for name, value in found.items()
-        if (geared if name == "gear" else value is not None and np.any(value))
+        if value is not None and np.any(matters[name])
     }
 
 
 def without(chain: Chain, names: Sequence[str], where: str, lacks: Sequence[str]) -> Chain:
-    """Return a chain without parameters that another format `lacks`: each has its default."""
+    """Return a chain without parameters that another format `lacks`: each has its default.
+
+    The armature of the first joint stays, because `held` does not name it.
+    """
     for name in names:
         _checks.choice(f"drop, with {where},", name, tuple(lacks))
-    return Chain.from_dict({k: v for k, v in chain.as_dict().items() if k not in names})
+    left = {k: v for k, v in chain.as_dict().items() if k not in names}
+    if "armature" in names:
+        left["armature"] = [float(chain.armature[0]), *[0.0] * (chain.n - 1)]
+    return Chain.from_dict(left)
 
 
 def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:
     """Add link i below `parent`, where the link above ends."""
-    body = ET.SubElement(parent, "body", name=f"link{i}", pos=place)
+    springs = chain.stiffness is not None
+    # Drake adds a digit to the name of a body with two joints: "link1" and "link10" would clash
+    digits = len(str(chain.n - 1)) if springs else 1
+    body = ET.SubElement(parent, "body", name=f"link{i:0{digits}d}", pos=place)
     centre, end = chain.centres[i], -chain.lengths[i]
-    _inertial(body, chain.masses[i], text_of(0.0, 0.0, -centre), inertia_of(chain, i))
+    inertia = inertia_of(chain, i)
+    _inertial(body, chain.masses[i], text_of(0.0, 0.0, -centre), inertia)
+    turning = inertia + chain.masses[i] * centre**2
     joint = ET.SubElement(body, "joint", name=f"joint{i}", type="hinge", axis="0 -1 0")
-    for name, mine in (("damping", "damping"), ("frictionloss", "friction"), ("armature",) * 2):
-        joint.set(name, text_of(getattr(chain, mine)[i]))
-    if chain.stiffness is not None:
+    about = {"damping": chain.damping[i], "frictionloss": chain.friction[i]}
+    about["armature"] = chain.armature[i] or OF_NO_MOTOR * turning
+    for name, value in about.items():
+        joint.set(name, text_of(value))
+    if springs:
         stretch = ET.SubElement(body, "joint", name=f"stretch{i}", type="slide", axis="0 0 -1")
         stretch.set("stiffness", text_of(chain.stiffness[i]))
         stretch.set("damping", text_of(chain.axial_damping[i]))
+        stretch.set("armature", text_of(OF_NO_MOTOR * chain.masses[i]))
     thickness = 0.02 * chain.total_length / chain.n
     _shape(
         body, type="capsule", fromto=text_of(0.0, 0.0, 0.0, 0.0, 0.0, end), size=text_of(thickness)

@@ -12,7 +12,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._extras import require
 from npend_gym.chain import Cart, Chain
-from npend_gym.export.mjcf import MIN_INERTIA, OF_POINT_MASS
+from npend_gym.export.mjcf import MIN_INERTIA, OF_NO_MOTOR, OF_POINT_MASS
 
 _CLOSE = 1e-8  # of directions, and of lengths over the length of a link
 _WITHOUT = {"neq": "equality", "ntendon": "tendon", "nflex": "flex", "npair": "pair"}
@@ -115,7 +115,7 @@ class _Reader:
         return Chain(
             model.body_mass[bodies], lengths, float(np.linalg.norm(gravity)), damping[dofs],
             centres=places, inertias=self._inertias(bodies, axis, places),
-            friction=friction[dofs], armature=model.dof_armature[dofs],
+            friction=friction[dofs], armature=self._armature()[dofs],
             base=None if cart is None else self._cart(cart),
         )  # fmt: skip
 
@@ -254,6 +254,11 @@ class _Reader:
             friction[:] = 0.0
         return damping, friction
 
+    def _armature(self) -> FloatArray:
+        """Return the armature of all joints, zero where it is too small for any motion."""
+        armature = self.model.dof_armature
+        return np.where(armature <= 10.0 * OF_NO_MOTOR * self.model.dof_M0, 0.0, armature)
+
     def _cart(self, body: int) -> Cart:
         """Return the cart, whose armature is as good as mass."""
         dof = int(self.model.jnt_dofadr[self.model.body_jntadr[body]])
@@ -261,7 +266,7 @@ class _Reader:
         if friction[dof]:
             joint = self._joint(self.model.body_jntadr[body])
             raise ValueError(f"{joint} must have no frictionloss: a cart has damping only")
-        mass = self.model.body_mass[body] + self.model.dof_armature[dof]
+        mass = self.model.body_mass[body] + self._armature()[dof]
         return Cart(float(mass), float(damping[dof]))
 
     def _without(self, *flags: str) -> bool:

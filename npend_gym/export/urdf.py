@@ -8,6 +8,8 @@ from npend_gym.chain import Chain, check_chain
 from npend_gym.export.mjcf import all_but, check_known, inertia_of, returns_text, text_of
 
 LACKS = all_but("gear")  # which matters to armature alone
+MIN_INERTIA = 2e-14  # kg m^2: MuJoCo refuses a body of URDF with 1e-14 or less
+ROOT = "world"  # Drake, DART and Genesis take a root of any other name for a body that floats
 _NO_LIMIT = {"lower": "-1000", "upper": "1000", "effort": "1e9", "velocity": "1e9"}
 
 
@@ -18,7 +20,10 @@ def to_urdf(chain: Chain) -> str:
     The plane of the chain is x, z: link i turns about -y in the continuous joint "joint{i}", whose
     angle is theta_i - theta_{i-1}. A cart is moved by the prismatic joint "cart". A point mass has
     the inertia 1e-13 m c^2, c being its distance from the joint, because programs drop links
-    without any. The format knows no gravity: the simulator has its own.
+    without any; it has at least 2e-14 kg m^2, which MuJoCo requires. The armature of joint 0 is
+    inertia of link 0, which moves the chain alike. The root link is "world", which does not move.
+    The format knows no gravity: the simulator has its own. See docs/engines.md for what each
+    simulator makes of the file.
 
     Parameters
     ----------
@@ -31,8 +36,8 @@ def to_urdf(chain: Chain) -> str:
     Raises
     ------
     ValueError
-        If URDF has no such thing as the chain's `drag`, `quadratic_drag`, `armature` or
-        `stiffness`.
+        If URDF has no such thing as the chain's `drag`, `quadratic_drag`, `stiffness`, or
+        `armature` of joints behind the first.
 
     Examples
     --------
@@ -43,17 +48,20 @@ def to_urdf(chain: Chain) -> str:
     """
     check_known(check_chain(chain), "URDF", LACKS)
     root = ET.Element("robot", name=f"chain_of_{chain.n}")
-    parent, place = "base", text_of(0.0, 0.0, 0.0)
+    parent, place = ROOT, text_of(0.0, 0.0, 0.0)
     ET.SubElement(root, "link", name=parent)
     if chain.base is not None:
-        _link(root, "cart", chain.base.mass, 0.0, inertia_of(chain, 0))  # of any: it never turns
+        any_inertia = max(inertia_of(chain, 0), MIN_INERTIA)  # it never turns
+        _link(root, "cart", chain.base.mass, 0.0, any_inertia)
         joint = _joint(root, "cart", "prismatic", parent, "cart", place, "1 0 0")
         ET.SubElement(joint, "limit", _NO_LIMIT)
         ET.SubElement(joint, "dynamics", damping=text_of(chain.base.damping))
         parent = "cart"
     for i in range(chain.n):
         child = f"link{i}"
-        _link(root, child, chain.masses[i], chain.centres[i], inertia_of(chain, i))
+        rotor = 0.0 if i else float(chain.armature[0])  # turns as link 0 does
+        inertia = max(inertia_of(chain, i) + rotor, MIN_INERTIA)
+        _link(root, child, chain.masses[i], chain.centres[i], inertia)
         joint = _joint(root, f"joint{i}", "continuous", parent, child, place, "0 -1 0")
         losses = {"damping": text_of(chain.damping[i]), "friction": text_of(chain.friction[i])}
         ET.SubElement(joint, "dynamics", losses)
