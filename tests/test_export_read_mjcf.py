@@ -1,8 +1,10 @@
 """Models of MuJoCo as chains, whose mass matrix and accelerations are compared."""
 
 import importlib.util
+import re
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -57,6 +59,11 @@ ON_CART = """
 """
 
 
+PASSIVE_MOTOR = """<actuator>
+<dcmotor name="p" joint="elbow" input="none" motorconst="0.5" resistance="0.2"/>"""
+TOOL = '<body pos=".1 0 .05"><geom fromto="0 0 0 0.1 0 .05"/></body>'
+
+
 def check_dynamics(model, chain):
     """Compare mass matrix and accelerations in random states; angles are found by where bodies are.
 
@@ -64,7 +71,12 @@ def check_dynamics(model, chain):
     """
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     n, carts = chain.n, int(chain.base is not None)
-    gravity = model.opt.gravity / np.linalg.norm(model.opt.gravity)
+    mujoco.mj_kinematics(model, data)
+    axis = data.xaxis[carts]
+    gravity = model.opt.gravity - (model.opt.gravity @ axis) * axis
+    if not chain.gravity:  # any direction in the plane may be below
+        gravity = np.cross(axis, np.roll(axis, 1))
+    gravity /= np.linalg.norm(gravity)
     for _ in range(20):
         data.qpos[:], data.qvel[:] = rng.uniform(-3.0, 3.0, n + carts), rng.normal(size=n + carts)
         mujoco.mj_forward(model, data)
@@ -72,7 +84,7 @@ def check_dynamics(model, chain):
         right = np.cross(first, gravity)
         bodies = model.jnt_bodyid[carts:]
         along = np.diff(data.xanchor[carts:], axis=0, append=0.0)
-        along[-1] = data.xipos[bodies[-1]] - data.xanchor[-1]
+        along[-1] = data.subtree_com[bodies[-1]] - data.xanchor[-1]
         theta = np.arctan2(along @ right, along @ gravity)
         turns = np.zeros((n + carts,) * 2)  # rates of (theta, position) from MuJoCo's
         turns[:n, carts:] = np.tri(n) * np.sign(data.xaxis[carts:] @ first)
@@ -139,19 +151,45 @@ def test_models_of_dm_control_are_read_from_their_files():
     found, known = from_mjcf(suite / "acrobot.xml"), Chain.preset("dm_control acrobot")
     for name in ("masses", "lengths", "damping", "centres", "inertias", "gravity"):
         np.testing.assert_allclose(getattr(found, name), getattr(known, name), rtol=1e-9)
-    with pytest.raises(ValueError, match="joint 'slider' must have no range"):
-        from_mjcf(suite / "cartpole.xml")
+    with pytest.warns(UserWarning, match=r"'slider' from -1\.8 to 1\.8 m \(rail=1\.8 of"):
+        pole = from_mjcf(suite / "cartpole.xml")
+    assert pole.base == Cart(1.0, 5e-4)
+
+
+ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
+
+
+@pytest.mark.parametrize(("name", "message"), [
+    ("inverted_pendulum", r"joint 'slider' from -1 to 1 m .*, joint 'hinge' from -1.5708 to 1.57"),
+    ("inverted_double_pendulum", r"joint 'slider' from -1 to 1 m"),
+    ("reacher", r"joint 'joint1' from -3 to 3 rad$"),
+])  # fmt: skip
+def test_models_of_gymnasium_are_read_and_move_as_their_chains_within_the_ranges(name, message):
+    path = ASSETS / f"{name}.xml"
+    with pytest.warns(UserWarning, match=message):
+        chain = from_mjcf(path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT.value
+    if name == "inverted_double_pendulum":  # 1e-5 along the rail is rounding
+        model.opt.gravity[:2] = 0.0
+    if name == "reacher":  # without the target, which moves apart
+        assert chain.gravity == 0.0
+        text = re.sub(
+            "<!-- Target -->.*</worldbody>", "</worldbody>", path.read_text(), flags=re.DOTALL
+        )
+        text = text.replace('limited="true"', 'limited="false"')
+        model = mujoco.MjModel.from_xml_string(text)
+    check_dynamics(model, chain)
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ('<joint name="wrist"/>', "", "body 'c' must have one joint, got 0 .*fusestatic"),
     ('<joint name="wrist"/>', '<joint name="wrist"/><joint/>', "body 'c' must have one joint, got"),
     ('<joint name="wrist"/>', '<joint type="ball" name="w"/>', "joint 'w' must be a hinge$"),
     ('<joint name="shoulder"/>', '<joint type="slide"/>', "joint number 0 must be perpendicular"),
     ('name="elbow" axis="0 -1 0"', 'name="elbow" axis="0 1 0.01"', "'elbow' must be parallel to"),
-    ('axis="0 -1 0"', 'range="-90 90"', "joint 'elbow' must have no range"),
     ('axis="0 -1 0"', 'stiffness="2"', "joint 'elbow' must have no stiffness"),
-    ('gravity="0 0 -9.7"', 'gravity="0 1 -9"', "joint 'shoulder' must be perpendicular to gravity"),
+    ("<actuator>", PASSIVE_MOTOR, "actuator 'p' must be a plain motor"),
+    ('gravity="3 0 -9"', 'gravity="3.01 0 -9"', "joint 'rail' must be perpendicular to gravity"),
     ('gravity="0 0 -9.7"', 'density="1.2"', "density and no viscosity"),
     ('<flag contact="disable"/>', "", "geom .* and geom .* must not touch"),
     ('name="c" pos="0 0 0.4"', 'name="c" pos="0.01 0 0.4"', "body 'b' must have its centre of m"),
@@ -180,8 +218,95 @@ def test_what_no_chain_has_is_refused_by_its_name(old, new, message):
 def test_what_a_model_disables_is_not_in_the_chain():
     off = '<flag contact="disable" damper="disable" gravity="disable" limit="disable"/>'
     text = ARM.replace('<flag contact="disable"/>', off)
-    chain = from_mjcf(text.replace('axis="0 -1 0"', 'range="-90 90"'))
+    chain = from_mjcf(text.replace('axis="0 -1 0"', 'range="-90 90"'))  # no warning
     assert (chain.gravity, chain.damping.max()) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("text", [
+    ARM.replace('gravity="0 0 -9.7"', 'gravity="1e-5 0.5 -9.7"'),  # 0.5 is along the hinges
+    ARM.replace('gravity="0 0 -9.7"', 'gravity="0 9.7 0"'),
+    ON_CART.replace('gravity="3 0 -9"', 'gravity="3 2 -9"'),
+    ARM.replace('<joint name="wrist"/>', ""),  # c is part of b
+    ARM.replace('name="wrist"/>', f'name="wrist"/>{TOOL}'),
+], ids=["inclined", "horizontal", "rail", "fixed link", "fixed tool"])  # fmt: skip
+def test_hinges_bear_gravity_along_them_and_fixed_bodies_are_part_of_links(text):
+    model = mujoco.MjModel.from_xml_string(text)
+    chain = from_mjcf(text)
+    assert chain.n == model.nv - (chain.base is not None)
+    check_dynamics(model, chain)
+
+
+@pytest.mark.parametrize("name", ["bobs", "many bobs on a cart", "arm"])
+def test_what_mujoco_saves_again_with_six_digits_is_read_with_its_bobs(name, tmp_path):
+    text, path = ARM if name == "arm" else CHAINS[name].to_mjcf(), tmp_path / "saved.xml"
+    mujoco.mj_saveLastXML(str(path), mujoco.MjModel.from_xml_string(text))
+    given, found = from_mjcf(text), from_mjcf(path)
+    np.testing.assert_array_equal(found.has_bobs, given.has_bobs)
+    for key in ("masses", "lengths", "centres", "inertias", "armature"):
+        np.testing.assert_allclose(getattr(found, key), getattr(given, key), rtol=1e-5, atol=1e-9)
+
+
+def test_a_controller_in_a_plugin_is_refused():
+    for plugin in (Path(mujoco.__file__).parent / "plugin").glob("*actuator*"):
+        mujoco.mj_loadPluginLibrary(str(plugin))
+    pid = """<extension><plugin plugin="mujoco.pid"><instance name="pid"><config key="kp"
+    value="40"/></instance></plugin></extension><worldbody>"""
+    text = ARM.replace("<worldbody>", pid).replace(
+        '<motor joint="elbow" gear="1"/>',
+        '<plugin name="pid" joint="elbow" plugin="mujoco.pid" instance="pid"/>',
+    )
+    with pytest.raises(ValueError, match="actuator 'pid' must be a plain motor"):
+        from_mjcf(text)
+
+
+def test_what_does_not_act_is_no_reason_to_refuse():
+    servo = ARM.replace("<motor joint", '<position kp="3" joint').replace(
+        'contact="disable"', 'contact="disable" actuation="disable"'
+    )
+    grouped = ARM.replace("<motor joint", '<position group="3" kp="3" joint').replace(
+        'gravity="0 0 -9.7"', 'gravity="0 0 -9.7" actuatorgroupdisable="3"'
+    )
+    equal = '<equality><joint joint1="elbow" {}/></equality><actuator>'
+    inactive = ARM.replace("<actuator>", equal.format('active="false"'))
+    disabled = ARM.replace("<actuator>", equal.format("")).replace(
+        'contact="disable"', 'contact="disable" equality="disable"'
+    )
+    expected = from_mjcf(ARM).as_dict()
+    for text in (servo, grouped, inactive, disabled):
+        assert from_mjcf(text).as_dict() == expected
+
+
+FLOOR = '<worldbody><geom name="floor" type="{}" pos="0 0 {}" size="1 1 1"/>'
+
+
+@pytest.mark.parametrize(("kind", "height", "reaches"), [
+    ("plane", -2.2, False), ("plane", -1.9, True), ("box", -4.0, False), ("box", -2.9, True),
+])  # fmt: skip
+def test_a_floor_out_of_reach_is_no_reason_to_refuse(kind, height, reaches):
+    text = TOUCHING.format(flag='filterparent="enable"', third="", contact="")
+    text = text.replace("<worldbody>", FLOOR.format(kind, height))
+    if not reaches:
+        assert from_mjcf(text).n == 2
+        return
+    with pytest.raises(ValueError, match=r"geom 'floor' and geom number \d must not"):
+        from_mjcf(text)
+
+
+@pytest.mark.parametrize(("height", "more", "reaches"), [
+    (-2.0, "", False), (-1.0, "", True), (-2.0, "zaxis='1 0 3'", True),  # rises along the rail
+])  # fmt: skip
+def test_a_cart_may_be_above_a_floor_that_its_pole_does_not_reach(height, more, reaches):
+    text = ON_CART.replace('gravity="3 0 -9"', 'gravity="0 0 -9"').replace("3 0 1", "1 0 0")
+    text = text.replace('<geom contype="0" conaffinity="0"/>', "")
+    text = text.replace("<worldbody>", FLOOR.format("plane", height))
+    text = text.replace('size="1 1 1"', f'size="1 1 1" {more}').replace(
+        "</mujoco>", '<contact><exclude body1="sledge" body2="second"/></contact></mujoco>'
+    )
+    if not reaches:
+        assert from_mjcf(text).n == 2
+        return
+    with pytest.raises(ValueError, match=r"geom 'floor' and geom number \d must not"):
+        from_mjcf(text)
 
 
 TOUCHING = """<mujoco><option><flag {flag}/></option><worldbody><body name="a">

@@ -8,7 +8,7 @@ import pytest
 
 from npend_gym import Cart, Chain
 from npend_gym.cli import main
-from npend_gym.export import to_urdf
+from npend_gym.export import from_urdf, to_urdf
 from npend_gym.physics import accelerations, mass_matrix
 
 CHAINS = {
@@ -112,3 +112,71 @@ def test_the_command_writes_the_robot(tmp_path):
     out = str(tmp_path / "chain.urdf")
     assert main(["export", "--chain", "multiarm 2", "--to", "urdf", "--out", out]) == 0
     assert (tmp_path / "chain.urdf").read_text() == to_urdf(Chain.preset("multiarm 2"))
+
+
+BY_HAND = """
+<robot name="arm">
+  <link name="base"><inertial><mass value="9"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0"
+    izz="0"/></inertial></link>
+  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx="0.1" ixy="0"
+    ixz="0" iyy="0.1" iyz="0" izz="0.03"/></inertial>
+    <visual><geometry><mesh filename="package://none/arm.stl"/></geometry></visual>
+    <collision><geometry><sphere radius="3"/></geometry></collision></link>
+  <link name="lower"><inertial><origin xyz="0 0.3 0"/><mass value="1"/><inertia ixx="0" ixy="0"
+    ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
+  <link name="tool"><inertial><mass value="0.5"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02"
+    iyz="0" izz="0.02"/></inertial></link>
+  <joint name="held" type="fixed"><parent link="world"/><child link="base"/></joint>
+  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+    <origin xyz="0 0 1" rpy="1.5707963267948966 0 0"/><limit lower="-2" upper="2" effort="3"
+    velocity="9"/><dynamics damping="0.1" friction="0.2"/></joint>
+  <joint name="b" type="continuous"><parent link="upper"/><child link="lower"/><axis xyz="0 0 -1"/>
+    <origin xyz="0.7 0 0"/></joint>
+  <joint name="c" type="fixed"><parent link="lower"/><child link="tool"/><origin xyz="0 0.6 0"/>
+  </joint>
+</robot>
+"""
+
+
+def test_a_robot_of_drake_s_kind_is_read_without_its_meshes():
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    with pytest.warns(UserWarning, match=r"ranges of joint 'a' from -2 to 2 rad$"):
+        chain = from_urdf(BY_HAND)
+    np.testing.assert_allclose(chain.masses, [2.0, 1.5])
+    np.testing.assert_allclose(chain.lengths, [0.7, 0.4])
+    np.testing.assert_allclose(chain.centres, [0.2, 0.4])
+    # Of the tool itself, and by the parallel axis theorem 1 kg at 0.1 m, 0.5 kg at 0.2 m
+    np.testing.assert_allclose(chain.inertias, [0.03, 0.02 + 0.01 + 0.02])
+    assert (chain.damping.tolist(), chain.friction.tolist()) == ([0.1, 0.0], [0.2, 0.0])
+    assert (chain.gravity, chain.base) == (9.81, None)
+    bob = BY_HAND.replace('iyy="0.02"', 'iyy="0"').replace('value="0.5"', 'value="0"')
+    with pytest.warns(UserWarning, match="ranges"):
+        point = Chain.from_urdf(bob.replace('"0.02"', '"0"'))
+    assert (point.masses[1], point.inertias[1], point.centres[1]) == (1.0, 0.0, point.lengths[1])
+
+
+@pytest.mark.parametrize("name", [*CHAINS, *LIGHT])
+def test_what_to_urdf_writes_is_read_back(name, tmp_path):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    chain, path = (CHAINS | LIGHT)[name], tmp_path / "chain.urdf"
+    path.write_text(chain.to_urdf())
+    found = from_urdf(path)
+    given = chain.inertias + np.r_[chain.armature[0], np.zeros(chain.n - 1)]
+    np.testing.assert_allclose(found.inertias, given, rtol=1e-12, atol=0.0)
+    np.testing.assert_allclose(found.lengths[:-1], chain.lengths[:-1])
+    np.testing.assert_allclose(found.centres, [*chain.centres[:-1], abs(chain.centres[-1])])
+    for key in ("masses", "damping", "friction"):
+        np.testing.assert_allclose(getattr(found, key), getattr(chain, key), rtol=1e-12)
+    assert found.base == chain.base
+
+
+@pytest.mark.parametrize(("source", "message"), [
+    ("<mujoco/>", "source must be URDF, whose root is <robot>, got <mujoco>"),
+    ("<robot", "source must be XML: "),
+    ("none.urdf", "source must be XML or a file of it, got 'none.urdf'"),
+    (BY_HAND.replace('"0 0 -1"', '"0 1 0"'), "joint 'b' must be parallel to joint 'a'"),
+])  # fmt: skip
+def test_what_is_no_chain_in_urdf_is_refused(source, message):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    with pytest.raises(ValueError, match=message):
+        from_urdf(source)

@@ -158,7 +158,9 @@ def _sdf(urdf: str) -> str:
     base = ET.SubElement(ET.SubElement(model, "link", name="world-link"), "inertial")
     add(base, mass="1")  # of any: it is fixed
     add(ET.SubElement(base, "inertia"), ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
-    add(ET.SubElement(model, "joint", name="held", type="fixed"), parent="world", child="world-link")
+    add(
+        ET.SubElement(model, "joint", name="held", type="fixed"), parent="world", child="world-link"
+    )
     for joint in robot.iter("joint"):
         given = {each.tag: each.attrib for each in joint}
         name, parent = joint.attrib["name"], f"{given['parent']['link']}-link"

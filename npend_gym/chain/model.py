@@ -165,6 +165,7 @@ class Chain(NamedChains):
 
     to_mjcf = MethodFromAbove("npend_gym.export.mjcf:to_mjcf")  # type: ClassVar[Any]
     from_mjcf = MethodFromAbove("npend_gym.export.read_mjcf:from_mjcf", static=True)  # type: ClassVar[Any]
+    from_urdf = MethodFromAbove("npend_gym.export.read_urdf:from_urdf", static=True)  # type: ClassVar[Any]
     to_urdf = MethodFromAbove("npend_gym.export.urdf:to_urdf")  # type: ClassVar[Any]
     _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")  # type: ClassVar[Any]
 

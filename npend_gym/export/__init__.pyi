@@ -5,4 +5,5 @@ from npend_gym.export.mjcf import to_mjcf as to_mjcf
 from npend_gym.export.networks import to_onnx as to_onnx
 from npend_gym.export.networks import to_torch as to_torch
 from npend_gym.export.read_mjcf import from_mjcf as from_mjcf
+from npend_gym.export.read_urdf import from_urdf as from_urdf
 from npend_gym.export.urdf import to_urdf as to_urdf

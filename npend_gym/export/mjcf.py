@@ -17,6 +17,7 @@ from npend_gym.chain import Chain, check_chain
 MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
 OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
 OF_NO_MOTOR = 1e-13  # armature where a chain has none over the mass, or inertia, that a joint moves
+_HOLDING = "0.9999 0.9999 0.001"  # MuJoCo's constraint of friction at its hardest
 _MAX_BODIES = 496  # which make 500 elements inside each other: MuJoCo reads no more
 _MAX_TIMESTEP = 1.0  # s
 _P = ParamSpec("_P")
@@ -172,9 +173,8 @@ def without(chain: Chain, names: Sequence[str], where: str, lacks: Sequence[str]
 
 def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:
     """Add link i below `parent`, where the link above ends."""
-    springs = chain.stiffness is not None
     # Drake adds a digit to the name of a body with two joints: "link1" and "link10" would clash
-    digits = len(str(chain.n - 1)) if springs else 1
+    digits = 1 if chain.stiffness is None else len(str(chain.n - 1))
     body = ET.SubElement(parent, "body", name=f"link{i:0{digits}d}", pos=place)
     centre, end = chain.centres[i], -chain.lengths[i]
     inertia = inertia_of(chain, i)
@@ -182,10 +182,12 @@ def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:
     turning = inertia + chain.masses[i] * centre**2
     joint = ET.SubElement(body, "joint", name=f"joint{i}", type="hinge", axis="0 -1 0")
     about = {"damping": chain.damping[i], "frictionloss": chain.friction[i]}
+    if chain.friction[i]:
+        joint.set("solimpfriction", _HOLDING)
     about["armature"] = chain.armature[i] or OF_NO_MOTOR * turning
     for name, value in about.items():
         joint.set(name, text_of(value))
-    if springs:
+    if chain.stiffness is not None:
         stretch = ET.SubElement(body, "joint", name=f"stretch{i}", type="slide", axis="0 0 -1")
         stretch.set("stiffness", text_of(chain.stiffness[i]))
         stretch.set("damping", text_of(chain.axial_damping[i]))
