@@ -164,7 +164,10 @@ ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
     ("inverted_double_pendulum", r"joint 'slider' from -1 to 1 m"),
     ("reacher", r"joint 'joint1' from -3 to 3 rad$"),
 ])  # fmt: skip
-def test_models_of_gymnasium_are_read_and_move_as_their_chains_within_the_ranges(name, message):
+def test_models_of_gymnasium_are_read_and_move_as_their_chains_within_the_ranges(
+    name, message, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings to a file
     path = ASSETS / f"{name}.xml"
     with pytest.warns(UserWarning, match=message):
         chain = from_mjcf(path)
