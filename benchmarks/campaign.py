@@ -27,8 +27,8 @@ import numpy as np
 import psutil
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.experiments import CampaignPlan
-from npend_gym.experiments.campaign.task import measure_task, run_task
+from npend_gym.experiments import Campaign, CampaignPlan
+from npend_gym.experiments.campaign.task import run_task
 from npend_gym.report import prepare_file, write_csv
 
 N = 5
@@ -109,10 +109,12 @@ def task_ratio() -> float:
     """Return the CPU time of a task over that of its `pseudo_periods` alone, taken in turns."""
     plan, chain = CampaignPlan(n=N, trials=2048), Chain.uniform(N)
     (task,) = plan.tasks()
-    theta = np.repeat(measure_task(plan, task)[0][:, None], N, axis=1)
+    starts = plan.measure(task)["releases"]["start_rad"].to_numpy()
+    theta = np.repeat(starts[:, None], N, axis=1)
     best = [np.inf, np.inf]
     with tempfile.TemporaryDirectory() as out:
-        jobs = (lambda: run_task(plan, Path(out), task), lambda: pseudo_periods(chain, theta))
+        folder = Campaign(plan, out).folder
+        jobs = (lambda: run_task(plan, folder, task), lambda: pseudo_periods(chain, theta))
         for _ in range(5):
             for k, job in enumerate(jobs):
                 began = time.process_time()

@@ -24,8 +24,10 @@ from npend_gym.cli.values import chain_argument
 from npend_gym.envs import EnvConfig
 from npend_gym.experiments import CampaignPlan, ReleaseExperiment, run_release
 from npend_gym.experiments.campaign.campaign import read_plan
-from npend_gym.experiments.campaign.parts import RELEASES, read_releases
+from npend_gym.experiments.campaign.folder import Folder
+from npend_gym.experiments.campaign.plan import RELEASES
 from npend_gym.experiments.campaign.plan_file import read_plan_file
+from npend_gym.experiments.campaign.releases import read_releases
 from npend_gym.identification import read_motion
 from npend_gym.report import release_tables
 from npend_gym.rl import PlannedTransitions, Policy
@@ -135,8 +137,8 @@ def _campaign(folder: Path) -> dict[str, Reader]:
     part, plan = part_of(out, RELEASES, task), out / "plan.json"
     return {
         "part": Reader(
-            part, lambda: read_releases(PLAN, part, task), mutations.of_bytes, FILES,
-            [part.read_bytes()],
+            part, lambda: read_releases(PLAN, Folder(part.parent), part.name, task),
+            mutations.of_bytes, FILES, [part.read_bytes()],
         ),
         "plan": Reader(plan, lambda: read_plan(out), mutations.of_json, FILES, [plan.read_bytes()]),
     }  # fmt: skip

@@ -24,10 +24,10 @@ from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.estimate import duration, estimate
-from npend_gym.experiments.campaign.parts import BOBS, RELEASES
-from npend_gym.experiments.campaign.plan import digest_of
+from npend_gym.experiments.campaign.plan import BOBS, RELEASES
 from npend_gym.experiments.campaign.plan_file import read_plan_file
-from npend_gym.experiments.campaign.task import measure_task
+from npend_gym.experiments.campaign.releases import measure_task
+from npend_gym.experiments.campaign.tasks import digest_of
 
 SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
 
@@ -35,6 +35,11 @@ SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16
 def contents(out):
     """Return the bytes of all tables by their paths."""
     return {path.relative_to(out): path.read_bytes() for path in out.rglob("*.parquet")}
+
+
+def done(status):
+    """Return the ids of the tasks that are done."""
+    return [f"{index:07d}" for index in np.flatnonzero(status.done)]
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +57,7 @@ def test_every_release_of_every_cell_is_in_one_task():
     tasks = list(plan.tasks())
     assert [k for task in tasks for k in range(task.first, task.last)] == list(range(8 * 7))
     assert len({task.id for task in tasks}) == len(tasks) == plan.task_count
-    assert {plan.cell(task.first // 7)["n"] for task in tasks if task.n == 5} == {5}
+    assert {plan.cell(task.first // 7)["n"] for task in tasks if plan.n_of(task) == 5} == {5}
     cells = [tuple(plan.cell(k).values()) for k in range(plan.cells)]
     assert len(set(cells)) == 8
 
@@ -266,13 +271,13 @@ def test_bobs_that_do_not_complete_have_null_as_their_period(tmp_path):
 def test_the_folder_is_a_partitioned_data_set_with_its_provenance(undisturbed):
     import pyarrow.dataset as ds
 
-    bobs = ds.dataset(undisturbed / BOBS, partitioning="hive").to_table()
+    bobs = ds.dataset(undisturbed / BOBS).to_table()
     assert sorted(set(bobs["n"].to_pylist())) == [2, 3]
     assert len(bobs) == 500
     cells = read_part(undisturbed / "cells.parquet").to_pylist()
     assert [(c["n"], c["amplitude_rad"]) for c in cells] == [(2, 0.3), (2, 0.7), (3, 0.3), (3, 0.7)]
     part = part_of(undisturbed, RELEASES, next(SMALL.tasks()))
-    releases = ds.dataset(undisturbed / RELEASES, partitioning="hive").to_table()
+    releases = ds.dataset(undisturbed / RELEASES).to_table()
     found = {
         name: str(table.schema.field(name).type)
         for table in (bobs, releases)
@@ -286,7 +291,9 @@ def test_the_folder_is_a_partitioned_data_set_with_its_provenance(undisturbed):
         1,
     )
     record = json.loads(read_part(part).schema.metadata[b"npend_gym"])
-    assert record["arguments"] == {"plan": SMALL.digest, "task": "n2-0000000"}
+    assert record["arguments"] == {
+        "plan": SMALL.digest, "study": "release", "task": "0000000",
+    }  # fmt: skip
     assert record["seed"] == 4
 
 
@@ -310,11 +317,10 @@ def test_a_campaign_continues_where_it_stopped(undisturbed, tmp_path):
     again = Campaign(None, tmp_path)
     assert again.plan == SMALL
     with again as campaign:
-        assert sorted(campaign.status.done) == sorted(before)
+        assert sorted(done(campaign.status)) == sorted(before)
         assert campaign.status.text() == ""
         after = [task.id for task, _ in campaign.run(count=1)]
-    parts = {task.id: part_of(tmp_path, RELEASES, task) for task in SMALL.tasks()}
-    assert campaign.status.done == parts
+    assert campaign.status.done.all()
     assert sorted(before + after) == sorted(task.id for task in SMALL.tasks())
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
@@ -322,6 +328,8 @@ def test_a_campaign_continues_where_it_stopped(undisturbed, tmp_path):
 def test_damage_is_found_reported_and_repaired(undisturbed, tmp_path):
     completed(SMALL, tmp_path)
     truncated, flipped, gone, renamed = list(SMALL.tasks())[:4]
+    damaged = [f"{BOBS}/0000/{part_of(tmp_path, BOBS, truncated).name}"]
+    damaged.append(f"{RELEASES}/0000/{part_of(tmp_path, RELEASES, flipped).name}")
     part = part_of(tmp_path, BOBS, truncated)
     part.write_bytes(part.read_bytes()[:-20])
     part = part_of(tmp_path, RELEASES, flipped)
@@ -331,18 +339,18 @@ def test_damage_is_found_reported_and_repaired(undisturbed, tmp_path):
     part_of(tmp_path, BOBS, gone).unlink()
     part = part_of(tmp_path, BOBS, renamed)
     part.rename(part.with_name(part.name.replace(part.name[:7], "9999999")))
-    (tmp_path / BOBS / "n=2" / ".0000009.parquet.abcd.part").write_bytes(b"half")
+    (tmp_path / BOBS / "0000" / ".0000009.parquet.abcd.part").write_bytes(b"half")
     with Campaign(SMALL, tmp_path) as campaign:
         assert campaign.status.text() == (
-            "found 2 part(s) damaged, 4 task(s) half done, 2 half-written or foreign file(s); "
-            "what is missing is measured again"
+            "found 2 part(s) damaged, 4 task(s) half done, 2 half-written or foreign file(s) "
+            f"(damaged: {', '.join(damaged)}); what is missing is measured again"
         )
         assert len(list(campaign.run(count=1))) == 4
     assert contents(tmp_path) == contents(undisturbed)
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_of_two_parts_of_a_task_one_is_kept(undisturbed, tmp_path):
+def test_a_task_with_two_results_is_an_error_until_one_is_removed(undisturbed, tmp_path):
     import pyarrow.parquet as pq
 
     completed(SMALL, tmp_path)
@@ -350,9 +358,15 @@ def test_of_two_parts_of_a_task_one_is_kept(undisturbed, tmp_path):
     part = part_of(tmp_path, RELEASES, task)
     pq.write_table(read_part(part), tmp_path / "other", compression="gzip")
     digest = part_digest(SMALL.digest, (tmp_path / "other").read_bytes())
-    (tmp_path / "other").rename(part.with_name(f"{task.number:07d}-{digest}.parquet"))
+    other = (tmp_path / "other").rename(part.with_name(f"{task.id}-{digest}.parquet"))
+    for _ in range(2):
+        with Campaign(SMALL, tmp_path) as campaign:
+            ((failed, error),) = campaign.run(count=1)
+        assert (failed, campaign.status.count) == (task, SMALL.task_count - 1)
+        assert all(name in error for name in ("several results", part.name, other.name))
+    other.unlink()
     with Campaign(SMALL, tmp_path) as campaign:
-        assert len(campaign.status.done) == SMALL.task_count
+        assert campaign.status.done.all()
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
 
@@ -360,7 +374,7 @@ def test_a_second_driver_on_a_folder_is_refused(tmp_path):
     with Campaign(SMALL, tmp_path), pytest.raises(BusyError, match="another driver is at work"):
         Campaign(None, tmp_path).__enter__()
     with Campaign(SMALL, tmp_path) as campaign:  # released
-        assert not campaign.status.done
+        assert not campaign.status.done.any()
 
 
 def test_a_driver_made_before_another_with_another_plan_began_keeps_its_results(tmp_path):
@@ -410,7 +424,7 @@ def test_equal_plans_have_one_digest_and_continue_in_one_folder(tmp_path):
     before = contents(tmp_path)
     for campaign in (made_before, Campaign(plan, tmp_path), Campaign(None, tmp_path)):
         with campaign:
-            assert len(campaign.status.done) == 1
+            assert campaign.status.count == 1
     assert contents(tmp_path) == before
 
 
@@ -420,7 +434,7 @@ def test_a_failing_task_is_recorded_and_the_others_continue(undisturbed, tmp_pat
             raise ArithmeticError("no <b>step</b>")
         return pseudo_periods(chain, theta, **options)
 
-    monkeypatch.setattr("npend_gym.experiments.campaign.task.pseudo_periods", sometimes)
+    monkeypatch.setattr("npend_gym.experiments.campaign.releases.pseudo_periods", sometimes)
     _, errors = completed(SMALL, tmp_path)
     failed = [error for error in errors if error]
     assert failed
@@ -511,7 +525,7 @@ def test_folders_may_have_any_name(tmp_path):
     link.symlink_to(real, target_is_directory=True)
     with Campaign(None, link / ".." / "link") as campaign:
         assert campaign.out == real
-        assert len(campaign.status.done) == 1
+        assert campaign.status.count == 1
         with pytest.raises(BusyError):
             Campaign(None, real).__enter__()
     loop = tmp_path / "loop"
@@ -670,5 +684,5 @@ def test_workers_whose_driver_was_killed_end_and_spoil_nothing(undisturbed, tmp_
     with Campaign(SMALL, tmp_path) as campaign:
         assert campaign.status.damaged == 0
         assert campaign.status.leftovers <= 2  # parts that the worker was about to write
-        assert len(campaign.status.done) == SMALL.task_count
+        assert campaign.status.count == SMALL.task_count
     assert contents(tmp_path) == contents(undisturbed)

@@ -1,7 +1,9 @@
-"""Fit the law of the pseudo-period to a campaign, list outliers, write a report.
+"""Analyse a campaign: fit the law of the pseudo-period, or summarise another study.
 
-The period against N and the amplitude is fitted with confidence intervals, see docs/campaigns.md.
-It uses the finished tasks, so it can also run during a campaign.
+Of releases, the period against N and the amplitude is fitted with confidence intervals, outliers
+are listed and a report is written, see docs/campaigns.md. Of another study, each number has its
+mean, standard deviation and range over the trials of a cell. It uses the finished tasks, so it can
+also run during a campaign.
 
 Examples
 --------
@@ -16,19 +18,22 @@ from pathlib import Path
 from npend_gym.cli.common import OK, can_draw, finishing, show_written, warn
 
 
-def run(results: Path, *, out: Path | None = None) -> int:
+def run(results: Path | str, *, out: Path | None = None) -> int:
     """Analyse, print and write; return the exit code.
 
     Parameters
     ----------
     results : folder
-        A campaign's folder.
+        A campaign's folder, or its URL.
     out : folder, optional
         Where to write (default FOLDER/analysis).
     """
     from npend_gym.experiments import analyse
+    from npend_gym.experiments.campaign.folder import open_folder
     from npend_gym.report.campaign_report import analysis_text, write_analysis
 
+    if out is None and open_folder(results).is_store:
+        raise ValueError(f"--out must be given for {results}: a folder of this machine")
     result = analyse(results)
     print(analysis_text(result))
     if text := result.status.text():

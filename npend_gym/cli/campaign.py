@@ -1,7 +1,9 @@
-"""Release chains with every combination of parameters, on one machine or many.
+"""Sweep releases, evaluations, trainings or a function of your own, on one machine or many.
 
-Every combination of the given values is released `trials` times. The results are Parquet files in
-the folder, see docs/campaigns.md. After an interruption the same command resumes.
+Every combination of the given values is tried `trials` times. The study is the release of chains,
+or by --study evaluate, robustness, train, lyapunov, identify, or module:function, with parameters
+by --set. The results are Parquet files in the folder, see docs/campaigns.md. After an interruption
+the same command resumes.
 
 Examples
 --------
@@ -13,6 +15,12 @@ Examples
   npend campaign plan.toml -o results --dry-run                how long it would take
   npend campaign -o results                                    continue with the plan in the folder
   npend campaign plan.yaml -o /shared/results --backend ray --address auto
+  npend campaign --study evaluate --set policy=swingup-2 --set "damping=[0, 0.05]" -o results
+  npend campaign --study lab:swing --set "gain=[1, 2, 4]" -t 100 -o s3://bucket/results
+  npend campaign plan.toml -o /shared/results --shard 2/8      the second of eight shares
+  npend campaign --status results                              how much is done
+  npend campaign --merge results                               one file for each table
+  npend campaign plan.toml -o /shared/results --slurm > job.sh
   npend analyse results
 """
 
@@ -20,6 +28,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,10 +43,17 @@ FILLS = {"npend_gym.experiments.campaign.plan:CampaignPlan": ()}
 def run(
     plan: Path | None = None,
     *,
-    out: Path,
+    out: Path | str | None = None,
+    study: str | None = None,
+    settings: Sequence[tuple[str, Any]] = (),
     backend: str = "loky",
     address: str | None = None,
     workers: int | None = None,
+    shard: str | None = None,
+    status: Path | str | None = None,
+    merge: Path | str | None = None,
+    slurm: bool = False,
+    shards: int = 16,
     dry_run: bool = False,
     **values: Any,
 ) -> int:
@@ -48,31 +64,84 @@ def run(
     plan : file, optional
         A TOML, YAML or JSON file with any of these values; an option replaces the file's value.
     out : folder
-        Folder of the results; the machines of a cluster must share it.
+        Folder of the results, or a URL such as s3://bucket/results; all machines must share it.
+    study : name, optional
+        What is done in a trial (default release), also module:function.
+    settings : setting, optional
+        A parameter of another study than release; a list is swept, and it may be repeated.
     backend : name
         Local processes (loky), local threads (threading), or a cluster (ray, dask).
     address : address, optional
         Address of a running Ray or Dask cluster (default: one is started on this machine).
     workers : int, optional
         Number of workers (default: one for each core).
+    shard : k/n, optional
+        Do only the k-th of n shares, in a command of its own on any machine.
+    status : folder, optional
+        Print how much of the campaign in this folder is done, with exit code 1 until it is all.
+    merge : folder, optional
+        Write each table of the campaign in this folder, which must be complete, as one file.
+    slurm : bool
+        Run nothing: write the plan into the folder, and print an array job of Slurm.
+    shards : int
+        Number of tasks of the array job.
     dry_run : bool
         Write nothing: print the number of releases and tasks, and about how long they take.
     """
     from npend_gym.experiments import Campaign, CampaignPlan
     from npend_gym.experiments.campaign.engine import check_workers
     from npend_gym.experiments.campaign.plan_file import read_plan_file
+    from npend_gym.experiments.campaign.sweep import plan_of
 
+    if status is not None or merge is not None:
+        return _look(status, merge)
+    if out is None:
+        raise ValueError("--out must be given: the folder of the results")
     check_workers(backend, workers, address)
     given = values if plan is None else read_plan_file(plan) | values
-    wanted = None if plan is None and not given else CampaignPlan.from_dict(given)
-    campaign = Campaign(wanted, out)
+    if study is not None:
+        given = given | {"study": study}
+    if settings:
+        given = given | {"parameters": {**given.get("parameters", {}), **dict(settings)}}
+    wanted = plan_of(given) if plan is not None or given else None
+    campaign = Campaign(wanted, out, shard=shard or "1/1")
     if dry_run:
-        from npend_gym.experiments.campaign.estimate import estimate
+        from npend_gym.experiments.campaign.estimate import counts_text, estimate
 
-        print(estimate(campaign.plan).text(workers or os.cpu_count() or 1))
+        if isinstance(campaign.plan, CampaignPlan):
+            print(estimate(campaign.plan).text(workers or os.cpu_count() or 1))
+        else:
+            print(counts_text(campaign.plan))
+        return OK
+    if slurm:
+        from npend_gym.experiments.campaign.slurm import array_job
+
+        with campaign:
+            print(array_job(campaign, shards, workers or 1), end="")
         return OK
     with campaign:
         return _run(campaign, (backend, workers, address))
+
+
+def _look(status: Path | str | None, merge: Path | str | None) -> int:
+    """Print what is done in a folder, or merge its tables; return the exit code."""
+    from npend_gym.experiments.campaign import merge as merging
+    from npend_gym.report import campaign_report as report
+
+    plan, folder, found = merging.read_status(str(merge if status is None else status))
+    complete = found.count == plan.task_count
+    if merge is not None:
+        names = merging.merge(plan, folder, found)
+        report.write_campaign_manifest(plan, folder, names, complete=complete)
+        print("written:", *(printable(folder.at(name)) for name in names), sep="\n  ")
+    else:
+        print(f"{plan.study}: {report.status_text(plan, folder, found)}")
+        print(f"{found.count} of {plan.task_count} tasks done")
+    if found.text():
+        warn(found.text())
+    for task, error in found.failed.items():
+        warn(f"task {task} failed: {error}")
+    return OK if complete else FAILED
 
 
 def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int:
@@ -83,16 +152,19 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
     from npend_gym.report.campaign_report import finish
 
     plan, status = campaign.plan, campaign.status
-    before = sum(task.releases for task in plan.tasks() if task.id in status.done)
+    number, count = campaign.shard
+    before = status.trials
+    tasks = f"{plan.task_count} tasks" + (f" (shard {number}/{count})" if count > 1 else "")
     print(
-        f"{plan.releases} releases of {plan.cells} cells in {plan.task_count} tasks, "
-        f"{before} releases done before"
+        f"{plan.size} {plan.unit} of {plan.cells} cells in {tasks}, "
+        f"{before} {plan.unit} done before"
     )
     if status.text():
         print(status.text(), flush=True)
     failed = 0
     code = OK
-    shown = bar(unit="releases", total=plan.releases, initial=before)
+    total = plan.size if count == 1 else sum(plan.task(k).size for k in campaign.share())
+    shown = bar(unit=plan.unit, total=total, initial=before)
     results = campaign.run(*workers)
     try:
         with shown:
@@ -101,7 +173,7 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
                     failed += 1
                     tqdm.write(printable(f"task {task.id} failed: {error}"), file=sys.stderr)
                 shown.set_postfix(failed=failed, refresh=False)
-                shown.update(task.releases)
+                shown.update(task.size)
     except KeyboardInterrupt:
         warn("interrupted: what is done is kept, the same command continues")
         code = INTERRUPTED

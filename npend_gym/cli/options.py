@@ -29,6 +29,7 @@ _READERS: dict[str, tuple[Any, str]] = {
     "float": (float, "X"),
     "str": (str, "X"),
     "Path": (values.path, "X"),
+    "Path | str": (values.folder, "X"),
     "Sequence[Path]": (values.path, "X"),
     "Sequence[int]": (values.integers, "X,..."),
     "int | Sequence[int]": (values.integers, "X,..."),
@@ -95,7 +96,7 @@ def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
         unit = re.search(r"\[([^][]+)\]", text)
         is_angle = unit is not None and unit[1] == "rad" and kind in _ANGLES
         about["type"], placeholder = (_ANGLES if is_angle else _READERS)[kind]
-        if kind not in ("str", "Path", "Sequence[Path]"):
+        if kind not in ("str", "Path", "Path | str", "Sequence[Path]"):
             noun = "N" if "int" in kind else "NUMBER"
         elif noun == "str":
             noun = option[2:]

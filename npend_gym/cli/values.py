@@ -52,6 +52,11 @@ def path(text: str) -> Path:
     return Path(text)
 
 
+def folder(text: str) -> Path | str:
+    """Return a path, or the URL of a folder in an object store as it is."""
+    return text if "://" in text else path(text)
+
+
 def texts(text: str) -> list[str]:
     """Return the texts of a list joined by commas."""
     return text.split(",")

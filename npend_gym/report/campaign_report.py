@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,11 +15,16 @@ import numpy as np
 
 from npend_gym import _files
 from npend_gym.experiments import AmplitudeLaw, Analysis, Campaign, CellGroup, PowerFit
-from npend_gym.experiments.campaign.campaign import CELLS, PLAN
-from npend_gym.experiments.campaign.parts import finite_or_none
+from npend_gym.experiments.campaign.campaign import CELLS, PLAN, FolderStatus
+from npend_gym.experiments.campaign.folder import Folder
+from npend_gym.experiments.campaign.merge import STATISTICS, Summary
+from npend_gym.experiments.campaign.releases import finite_or_none
 from npend_gym.experiments.campaign.statistics import FAR
+from npend_gym.experiments.campaign.tasks import Plan
 from npend_gym.report import player
 from npend_gym.report.outputs import (
+    MANIFEST,
+    manifest,
     prepare_folder,
     write_all,
     write_csv,
@@ -35,16 +42,36 @@ _NO_LAW = (
 def finish(campaign: Campaign) -> tuple[str, bool]:
     """Write the manifest; return what to say, and whether every task is done.
 
-    Parts have their digests in their names.
+    Parts have their digests in their names. A shard knows its own tasks alone, and writes none.
     """
-    plan, out, status = campaign.plan, campaign.out, campaign.status
-    complete = len(status.done) == plan.task_count
-    written = [out / name for name in (PLAN, CELLS)]
-    write_manifest(out, "campaign", plan.as_dict(), written, complete=complete)
-    releases = sum(task.releases for task in plan.tasks() if task.id in status.done)
-    text = f"{releases} of {plan.releases} releases done"
-    text += f", {len(status.failed)} task(s) failed" if status.failed else ""
-    return f"{text}: {out}", complete
+    plan, status = campaign.plan, campaign.status
+    number, count = campaign.shard
+    tasks = campaign.share()
+    complete = status.count == len(tasks)
+    if count == 1:
+        write_campaign_manifest(plan, campaign.folder, complete=complete)
+        return status_text(plan, campaign.folder, status), complete
+    text = f"{status.count} of {len(tasks)} tasks of shard {number}/{count} done"
+    text += f", {status.failures} task(s) failed" if status.failures else ""
+    return f"{text}: {campaign.out}", complete
+
+
+def status_text(plan: Plan, folder: Folder, status: FolderStatus) -> str:
+    """Return how much of a campaign is done."""
+    text = f"{status.trials} of {plan.size} {plan.unit} done"
+    text += f", {status.failures} task(s) failed" if status.failures else ""
+    return f"{text}: {folder}"
+
+
+def write_campaign_manifest(
+    plan: Plan, folder: Folder, more: Sequence[str] = (), *, complete: bool
+) -> None:
+    """Write the manifest of a campaign; `more` are files beside the plan and the cells."""
+    read = {name: folder.read(name) for name in (PLAN, CELLS)}
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in read.items() if data}
+    digests |= {name: folder.sha256(name) for name in more}
+    record = manifest("campaign", plan.as_dict(), digests, complete=complete)
+    folder.write(MANIFEST, (json.dumps(record, indent=2) + "\n").encode())
 
 
 def fit_rows(analysis: Analysis) -> list[dict[str, Any]]:
@@ -166,10 +193,10 @@ def tables(analysis: Analysis) -> dict[str, list[dict[str, Any]]]:
     }
 
 
-def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path]:
+def write_analysis(analysis: Analysis | Summary, out: Path, *, figures: bool) -> list[Path]:
     """Write tables, figures, the page and a manifest into `out`; return what was written.
 
-    Those of an earlier analysis are replaced or removed.
+    Those of an earlier analysis are replaced or removed. Of a sweep it is one table, summary.csv.
 
     Raises
     ------
@@ -179,6 +206,11 @@ def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path
     if out.resolve() == analysis.out:
         raise ValueError(f"out must be another folder than the campaign's, got {out}")
     prepare_folder(out)
+    complete = analysis.status.count == analysis.plan.task_count
+    arguments = analysis.plan.as_dict()
+    if isinstance(analysis, Summary):
+        written = write_all(out, iter([write_csv(out / "summary.csv", analysis.rows)]))
+        return [*written, write_manifest(out, "analyse", arguments, written, complete=complete)]
     contents = tables(analysis)
     files = (write_csv(out / f"{name}.csv", rows) for name, rows in contents.items() if rows)
     written = write_all(out, files)
@@ -188,8 +220,6 @@ def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path
     made = [*(out / f"{name}.csv" for name in contents), out / "residuals.png"]
     for path in {*made, *out.glob("law_against_*_*.png")}.difference(written):
         _files.remove(path)
-    complete = len(analysis.status.done) == analysis.plan.task_count
-    arguments = analysis.plan.as_dict()
     return [*written, write_manifest(out, "analyse", arguments, written, complete=complete)]
 
 
@@ -215,8 +245,8 @@ def page(analysis: Analysis, rows: dict[str, list[dict[str, Any]]], pictures: li
         "measured": int(stats.releases.sum()),
         "releases": plan.releases,
         "cells": plan.cells,
-        "failed": len(status.failed),
-        "missing": plan.task_count - len(status.done) - len(status.failed),
+        "failed": status.failures,
+        "missing": plan.task_count - status.count - status.failures,
         "wrong": status.text(),
         "folder": analysis.out,
         "plan": json.dumps(plan.as_dict()),
@@ -252,15 +282,17 @@ def _table(rows: list[dict[str, Any]]) -> str:
     return player.table(rows[0], (row.values() for row in rows[:_SHOWN])) + below
 
 
-def analysis_text(analysis: Analysis) -> str:
-    """Return the fits as text for the terminal."""
+def analysis_text(analysis: Analysis | Summary) -> str:
+    """Return the fits, or the statistics of a sweep, as text for the terminal."""
+    if isinstance(analysis, Summary):
+        return _summary_text(analysis)
     stats = analysis.statistics
     completed, *others = _notes(analysis)
     lines = [
         (
             f"{int(stats.releases.sum())} of {analysis.plan.releases} releases, "
             f"{completed}, {stats.outlier_count} outliers, "
-            f"{len(analysis.status.failed)} failed tasks"
+            f"{analysis.status.failures} failed tasks"
         ),
         *others,
     ]
@@ -279,3 +311,17 @@ def analysis_text(analysis: Analysis) -> str:
                 f"d = {law.d}, residuals up to {100.0 * np.abs(law.residuals).max():.2g}%"
             )
     return "\n".join(lines)
+
+
+def _summary_text(analysis: Summary) -> str:
+    """Return a line for each of the first rows."""
+    plan, rows = analysis.plan, analysis.rows
+    lines = [f"{analysis.status.trials} of {plan.size} {plan.unit} of {plan.study}"]
+    for row in rows[:_SHOWN]:
+        given = {name: value for name, value in row.items() if name not in STATISTICS}
+        shown = ", ".join(
+            f"{name} {_text(value)}" for name, value in given.items() if name != "cell"
+        )
+        numbers = f"{row['mean']:.6g}, sd {row['sd']:.3g}, {row['min']:.6g} to {row['max']:.6g}"
+        lines.append(f"  {shown}: {row['column']} {numbers} ({row['count']})")
+    return "\n".join([*lines, *[f"  {len(rows) - _SHOWN} more rows"] * (len(rows) > _SHOWN)])

@@ -169,11 +169,22 @@ def write_manifest(
     complete: bool,
 ) -> Path:
     """Write `manifest.json`: what made the files `written`, and their digests."""
-    manifest = {
+    digests = {path.relative_to(out).as_posix(): _files.sha256(path) for path in written}
+    return write_json(out / MANIFEST, manifest(experiment, arguments, digests, complete=complete))
+
+
+def manifest(
+    experiment: str,
+    arguments: Mapping[str, Any],
+    digests: Mapping[str, str | None],
+    *,
+    complete: bool,
+) -> dict[str, Any]:
+    """Return what a manifest says: what made the files that have these digests."""
+    return {
         "experiment": experiment,
         "complete": complete,
         "provenance": provenance(arguments, arguments.get("seed"))
         | {"platform": platform.platform()},
-        "sha256": {path.relative_to(out).as_posix(): _files.sha256(path) for path in written},
+        "sha256": dict(digests),
     }
-    return write_json(out / MANIFEST, manifest)

@@ -26,12 +26,9 @@ from scipy.optimize import OptimizeWarning, curve_fit
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, preset_name
-from npend_gym.experiments.campaign.campaign import (
-    FolderStatus,
-    check_folder,
-    read_plan,
-    resolved,
-)
+from npend_gym.experiments.campaign.campaign import FolderStatus, check_folder, read_plan
+from npend_gym.experiments.campaign.folder import open_folder
+from npend_gym.experiments.campaign.merge import Summary, summary
 from npend_gym.experiments.campaign.plan import OF_CHAIN, CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
 from npend_gym.experiments.fits import (
@@ -135,8 +132,13 @@ class Analysis:
     groups: tuple[CellGroup, ...]
 
 
-def analyse(out: Path | str) -> Analysis:
+def analyse(out: Path | str) -> Any:
     """Analyse the finished tasks of the campaign in `out`, which need not be all.
+
+    Returns
+    -------
+    Analysis or Summary
+        Of releases the statistics and the laws, of another study the statistics of its numbers.
 
     Raises
     ------
@@ -151,17 +153,20 @@ def analyse(out: Path | str) -> Analysis:
     >>> analyse("results").statistics.median.round(3).tolist()
     [2.542, 2.569]
     """
-    out = resolved(out)
-    plan = read_plan(out)
+    folder = open_folder(out)
+    plan = read_plan(folder)
     if plan is None:
         raise ValueError(f"there is no campaign in {out}: npend campaign --out {out} makes one")
-    status = check_folder(plan, out)
-    if not status.done:
+    status = check_folder(plan, folder)
+    if not status.count:
         raise ValueError(f"nothing is done yet in {out}: npend campaign --out {out} continues it")
+    where = Path(str(folder))
+    if not isinstance(plan, CampaignPlan):
+        return Summary(plan, where, status, summary(plan, folder, status.done))
     with np.errstate(all="ignore"):  # what is not finite is left out of the fits
-        stats = statistics(plan, status.done)
+        stats = statistics(plan, folder, status.done)
         groups = tuple(_groups(plan, stats))
-    return Analysis(plan, out, status, stats, groups)
+    return Analysis(plan, where, status, stats, groups)
 
 
 def _groups(plan: CampaignPlan, stats: Statistics) -> Iterator[CellGroup]:

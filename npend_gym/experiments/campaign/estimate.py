@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.experiments.campaign.plan import CampaignPlan
+from npend_gym.experiments.campaign.tasks import Plan
 from npend_gym.period import pseudo_periods
 
 # Time of a release over that of one of five rods, side by side, measured; in between it grows as a
@@ -35,10 +36,15 @@ class CampaignEstimate:
         """Return a line for a number of workers."""
         plan = self.plan
         return (
-            f"{plan.cells} cells, {plan.releases} releases in {plan.task_count} tasks: about "
+            f"{counts_text(plan)}: about "
             f"{duration(self.seconds)} on one core, {duration(self.seconds / workers)} with "
             f"{workers} worker(s), and {bytes_text(self.size)} of results"
         )
+
+
+def counts_text(plan: Plan) -> str:
+    """Return how much a plan is, in numbers alone."""
+    return f"{plan.cells} cells, {plan.size} {plan.unit} in {plan.task_count} tasks"
 
 
 def estimate(plan: CampaignPlan) -> CampaignEstimate:

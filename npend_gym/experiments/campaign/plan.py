@@ -1,12 +1,11 @@
-"""What a campaign releases: the cells of a sweep, their trials, and how tasks divide them."""
+"""The study "release": the release experiment swept, the cells and how tasks divide them."""
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -14,8 +13,15 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from npend_gym import _checks
-from npend_gym._version import __version__
 from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.experiments.campaign.tasks import (
+    MAX_BATCH,
+    MAX_CELLS,
+    MAX_TRIALS_PER_CELL,
+    Plan,
+    Task,
+    check_names,
+)
 from npend_gym.experiments.chains import (
     REPLACED,
     plain_fields,
@@ -38,17 +44,14 @@ PerRod: TypeAlias = float | Sequence[float]
 # first, so that neighbouring cells have equal chains and are measured side by side.
 SWEPT = ("n", "masses", "lengths", "gravity", "damping", "definition", "amplitude", "spread")
 OF_CHAIN = SWEPT[:5]
-MAX_CELLS = 1_000_000
 MAX_CHAINS = 10_000
-MAX_TASKS = 1_000_000
-MAX_TRIALS_PER_CELL = 10**12
-MAX_BATCH = 1_000_000
+RELEASES, BOBS = "releases", "bobs"
 _SMALLEST, _LARGEST = 16, 4096  # releases in a task, where the plan does not say
 _WORK = 1e5  # releases times n^2 in a task: about a second on one core
 
 
 @dataclass(frozen=True)
-class CampaignPlan:
+class CampaignPlan(Plan):
     """A sweep of the release experiment: every combination of the values, `trials` times.
 
     Each of the first eight is one value or a list of values to sweep over.
@@ -97,6 +100,10 @@ class CampaignPlan:
     200
     """
 
+    study = "release"
+    tables = BOBS, RELEASES
+    unit = "releases"
+
     n: int | Sequence[int] = PAPER_N
     masses: float | Sequence[PerRod] = 1.0
     lengths: float | Sequence[PerRod] = 1.0
@@ -125,11 +132,7 @@ class CampaignPlan:
         self._check_cells()
         if self.duration is not None:
             object.__setattr__(self, "duration", float(self.duration))
-        if self.task_count > MAX_TASKS:
-            raise ValueError(
-                f"trials must be so few, or batch so large, that there are at most {MAX_TASKS} "
-                f"tasks, got {self.task_count}: give fewer trials, or a batch of up to {MAX_BATCH}"
-            )
+        self._check_task_count()
 
     def _check_cells(self) -> None:
         """Check the values of each name by themselves, and those that have a rule together."""
@@ -168,7 +171,7 @@ class CampaignPlan:
     @property
     def releases(self) -> int:
         """Number of releases."""
-        return self.cells * self.trials
+        return self.size
 
     def cell(self, index: int) -> dict[str, Any]:
         """Return the values of the cell `index`, counted from 0; see `chain_of`."""
@@ -189,28 +192,44 @@ class CampaignPlan:
         power = int(math.log2(_WORK / n**2)) if n**2 < _WORK else 0
         return min(_LARGEST, max(_SMALLEST, 2**power))
 
-    def tasks(self) -> Iterator[Task]:
-        """Yield the tasks, in the order of the plan."""
-        per_n = self.releases // self.shape[0]
-        for place, n in enumerate(self._sweep("n")):
-            base, batch = place * per_n, self.batch_of(n)
-            for number, first in enumerate(range(0, per_n, batch)):
-                yield Task(n, number, base + first, base + min(first + batch, per_n))
+    def n_of(self, task: Task) -> int:
+        """Return the number of pendulums, which the releases of a task share."""
+        return self._sweep("n")[task.first // (self.size // self.shape[0])]
+
+    def task(self, index: int) -> Task:
+        """Return the task `index`, counted from 0; a batch never has chains of several n."""
+        place = bisect_right(self._tasks_below, index) - 1
+        per_n, batch = self.size // self.shape[0], self.batch_of(self._sweep("n")[place])
+        first = batch * (index - self._tasks_below[place])
+        return Task(index, place * per_n + first, place * per_n + min(first + batch, per_n))
 
     @cached_property
+    def _tasks_below(self) -> list[int]:
+        """Number of tasks before those of each n."""
+        per_n = self.size // self.shape[0]
+        counts = (-(-per_n // self.batch_of(n)) for n in self._sweep("n"))
+        return list(itertools.accumulate(counts, initial=0))
+
+    @property
     def task_count(self) -> int:
         """Number of tasks."""
-        per_n = self.releases // self.shape[0]
-        return sum(-(-per_n // self.batch_of(n)) for n in self._sweep("n"))
+        return self._tasks_below[-1]
+
+    def measure(self, task: Task) -> dict[str, Any]:
+        """Return the tables of a task."""
+        from npend_gym.experiments.campaign.releases import tables_of
+
+        return tables_of(self, task)
+
+    def describe_cells(self) -> Any:
+        """Return a table of what the cell numbers stand for."""
+        from npend_gym.experiments.campaign.releases import cells_table
+
+        return cells_table(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the plan as numbers and lists: `CampaignPlan(**plan.as_dict())` equals it."""
         return plain_fields(self, "n")
-
-    @cached_property
-    def digest(self) -> str:
-        """Digest of all that the results depend on: the plan and the package's version."""
-        return digest_of(self.as_dict())
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> CampaignPlan:
@@ -221,44 +240,5 @@ class CampaignPlan:
         TypeError, ValueError
             If a name is unknown or a value breaks its rule.
         """
-        known = [field.name for field in fields(cls)]
-        for name in values:
-            if name not in known:
-                raise ValueError(
-                    f"a plan has the names {', '.join(known)}; got {_checks.show(name)}"
-                )
+        check_names(values, (field.name for field in fields(cls)))
         return cls(**values)
-
-
-def digest_of(values: Mapping[str, Any]) -> str:
-    """Return the digest of a plan with these values, of `CampaignPlan.as_dict`."""
-    text = json.dumps([__version__, values], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-@dataclass(frozen=True)
-class Task:
-    """Releases `first` to `last` - 1 of a plan, of chains of `n` rods.
-
-    Release k of a plan is trial k % trials + 1 of cell k // trials.
-    """
-
-    n: int
-    number: int
-    first: int
-    last: int
-
-    @property
-    def id(self) -> str:
-        """Name of the task; equal plans have equal names."""
-        return f"n{self.n}-{self.number:07d}"
-
-    @property
-    def place(self) -> str:
-        """What the path of the task's part begins with inside the folder of a table."""
-        return f"n={self.n}/{self.number:07d}"
-
-    @property
-    def releases(self) -> int:
-        """Number of releases."""
-        return self.last - self.first

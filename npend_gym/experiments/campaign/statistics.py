@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym._checks import FloatArray
-from npend_gym.experiments.campaign.parts import read_releases
-from npend_gym.experiments.campaign.plan import CampaignPlan
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.experiments.campaign.campaign import parts_of
+from npend_gym.experiments.campaign.folder import Folder
+from npend_gym.experiments.campaign.plan import RELEASES, CampaignPlan
+from npend_gym.experiments.campaign.releases import read_releases
 
 FAR = 6.0  # standard deviations, beyond which a release is an outlier
 EDGES = np.linspace(-8.0, 8.0, 65)  # of the histogram of residuals, in standard deviations
@@ -96,11 +97,9 @@ class _CellRows:
         return np.vander(self.place[some], 3, increasing=True), self.columns["median_s"][some]
 
 
-def _cell_rows(plan: CampaignPlan, parts: dict[str, Path]) -> Iterator[_CellRows]:
-    for task in plan.tasks():
-        if task.id not in parts:
-            continue
-        part = read_releases(plan, parts[task.id], task)
+def _cell_rows(plan: CampaignPlan, folder: Folder, done: BoolArray) -> Iterator[_CellRows]:
+    for task, name in parts_of(plan, folder, RELEASES, done):
+        part = read_releases(plan, folder, name, task)
         cells = part["cell"]
         columns = {name: part[name] for name in _COLUMNS}
         present, firsts = np.unique(cells, return_index=True)
@@ -113,12 +112,12 @@ def _cell_rows(plan: CampaignPlan, parts: dict[str, Path]) -> Iterator[_CellRows
             yield _CellRows(int(cell), trial, done, own, place)
 
 
-def statistics(plan: CampaignPlan, parts: dict[str, Path]) -> Statistics:
-    """Return the statistics of the releases in parts, by their tasks, in three passes over them."""
+def statistics(plan: CampaignPlan, folder: Folder, done: BoolArray) -> Statistics:
+    """Return the statistics of the releases of tasks that are done, in three passes over them."""
     releases, completed = np.zeros((2, plan.cells), np.int64)
     sums, counts = np.zeros((2, plan.cells, len(_COLUMNS)))
     normal, right = np.zeros((plan.cells, 3, 3)), np.zeros((plan.cells, 3))
-    for rows in _cell_rows(plan, parts):
+    for rows in _cell_rows(plan, folder, done):
         k = rows.cell
         releases[k] += len(rows.trial)
         completed[k] += int(rows.completed.sum())
@@ -133,12 +132,12 @@ def statistics(plan: CampaignPlan, parts: dict[str, Path]) -> Statistics:
     # by the pseudo-inverse: without a spread, or with few releases, there is no parabola to find
     parabola = np.einsum("kij,kj->ki", np.linalg.pinv(normal, hermitian=True), right)
     squares = np.zeros(plan.cells)
-    for rows in _cell_rows(plan, parts):
+    for rows in _cell_rows(plan, folder, done):
         powers, median = rows.median()
         squares[rows.cell] += np.sum((median - powers @ parabola[rows.cell]) ** 2)
     count = counts[:, _COLUMNS.index("median_s")]
     scatter = np.sqrt(squares / np.where(count > 3, count - 3, np.nan))
-    far = _far(_cell_rows(plan, parts), parabola, scatter, count)
+    far = _far(_cell_rows(plan, folder, done), parabola, scatter, count)
     unknown = releases - count.astype(np.int64)
     start, mean, median, tip = means.T
     return Statistics(
