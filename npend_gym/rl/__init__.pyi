@@ -1,4 +1,12 @@
 from npend_gym.rl.adapter import SB3VecEnv as SB3VecEnv
+from npend_gym.rl.benchmarking.check import Replay as Replay
+from npend_gym.rl.benchmarking.check import check_benchmark as check_benchmark
+from npend_gym.rl.benchmarking.comparison import compare_benchmarks as compare_benchmarks
+from npend_gym.rl.benchmarking.play import benchmark as benchmark
+from npend_gym.rl.benchmarking.readers import read_model as read_model
+from npend_gym.rl.benchmarking.results import BenchmarkRun as BenchmarkRun
+from npend_gym.rl.benchmarking.results import read_benchmarks as read_benchmarks
+from npend_gym.rl.benchmarking.suites import SUITES as SUITES
 from npend_gym.rl.controllers.energy_shaping import energy_swing_up as energy_swing_up
 from npend_gym.rl.controllers.feedback import state_feedback as state_feedback
 from npend_gym.rl.controllers.mpc import MPC as MPC
@@ -37,6 +45,9 @@ from npend_gym.rl.evaluation.settings import setting_of as setting_of
 from npend_gym.rl.evaluation.statistics import bootstrap_interval as bootstrap_interval
 from npend_gym.rl.evaluation.statistics import interquartile_mean as interquartile_mean
 from npend_gym.rl.evaluation.statistics import performance_profile as performance_profile
+from npend_gym.rl.evaluation.statistics import (
+    probability_of_improvement as probability_of_improvement,
+)
 from npend_gym.rl.policies.ensembles import ensemble as ensemble
 from npend_gym.rl.policies.files import PRETRAINED as PRETRAINED
 from npend_gym.rl.policies.files import pretrained_names as pretrained_names

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -226,7 +228,8 @@ def _is_network(model: Any) -> bool:
 class Network:
     """A module of PyTorch, from observations to actions, as a controller.
 
-    It acts as in evaluation, without dropout say, and is left as it was.
+    It acts as in evaluation, without dropout say, and is left as it was. A module of TensorDict,
+    such as an actor of TorchRL, takes its "action", the most likely one where it draws.
     """
 
     def __init__(self, module: Any) -> None:
@@ -242,7 +245,7 @@ class Network:
         try:
             for each in training:
                 each.training = False
-            with torch.no_grad():
+            with torch.no_grad(), _most_likely(module):
                 found = module(torch.as_tensor(observation).to(like))
         except RuntimeError as error:
             raise ValueError(
@@ -253,6 +256,8 @@ class Network:
         finally:
             for each in training:
                 each.training = True
+        if isinstance(found, tuple) and "action" in getattr(module, "out_keys", ()):
+            found = found[module.out_keys.index("action")]
         if not isinstance(found, torch.Tensor):
             raise TypeError(
                 "model must return a tensor of actions, got "
@@ -260,6 +265,14 @@ class Network:
                 "returns the actions"
             )
         return found.cpu().numpy()
+
+
+def _most_likely(module: Any) -> AbstractContextManager[Any]:
+    """Let a module of TensorDict take the most likely action meanwhile."""
+    if not hasattr(module, "out_keys"):
+        return nullcontext()
+    drawing = importlib.import_module("tensordict.nn")
+    return drawing.set_interaction_type(drawing.InteractionType.DETERMINISTIC)
 
 
 class Predicting:

@@ -46,8 +46,9 @@ def interquartile_mean(scores: ArrayLike) -> float:
 
 def bootstrap_interval(
     scores: ArrayLike,
-    statistic: Callable[[FloatArray], float] = interquartile_mean,
+    statistic: Callable[..., float] = interquartile_mean,
     *,
+    others: ArrayLike | None = None,
     confidence: float = 0.95,
     resamples: int = 2000,
     seed: int = 0,
@@ -61,7 +62,9 @@ def bootstrap_interval(
     ----------
     scores : array_like, shape (runs, tasks)
     statistic : callable
-        Of an array of scores, returns a number.
+        Of an array of scores, returns a number; with `others`, of two.
+    others : array_like, shape (other runs, tasks), optional
+        Scores of another algorithm, which are resampled too.
     confidence : float
         Between 0 and 1.
     resamples : int
@@ -84,7 +87,7 @@ def bootstrap_interval(
     >>> bool(0.7 <= low < high <= 1.0)
     True
     """
-    given = _scores(scores)
+    given = [_scores(scores)] + ([] if others is None else [_scores(others)])
     share = _checks.positive_number("confidence", confidence)
     if share >= 1.0:
         raise ValueError(f"confidence must be between 0 and 1, got {_checks.show(confidence)}")
@@ -92,11 +95,44 @@ def bootstrap_interval(
     rng = np.random.default_rng(_checks.count("seed", seed, low=0))
     found: list[float] = []
     for _ in range(count):
-        chosen = rng.integers(len(given), size=given.shape)
-        value = float(statistic(np.take_along_axis(given, chosen, axis=0)))
+        drawn = [
+            np.take_along_axis(each, rng.integers(len(each), size=each.shape), axis=0)
+            for each in given
+        ]
+        value = float(statistic(*drawn))
         found.append(_checks.number("what statistic returns", value))
     low, high = np.quantile(found, [0.5 - 0.5 * share, 0.5 + 0.5 * share])
     return float(low), float(high)
+
+
+def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> float:
+    """Return how likely a run scores more than a run of another algorithm, as a mean over tasks.
+
+    A tie counts as a half.
+
+    Parameters
+    ----------
+    scores : array_like, shape (runs, tasks)
+    others : array_like, shape (other runs, tasks)
+
+    Raises
+    ------
+    ValueError
+        If the scores are not finite, or of other tasks.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> rl.probability_of_improvement([[0.8], [1.0]], [[0.7], [0.8]])
+    0.875
+    """
+    own, theirs = _scores(scores), _scores(others)
+    if own.shape[1] != theirs.shape[1]:
+        raise ValueError(
+            f"others must have the {own.shape[1]} tasks of scores, got {theirs.shape[1]}"
+        )
+    difference = own[:, None] - theirs[None]
+    return float((0.5 * (1.0 + np.sign(difference))).mean())
 
 
 def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> FloatArray:

@@ -1,0 +1,169 @@
+"""Play the tasks of a suite, write every episode, compare algorithms, check results of others.
+
+MODEL is "pretrained", "reference" or "random", or a folder with a file for each task, such as
+swingup-2.zip or swingup-2.onnx, or with such a folder for each seed of the training. It can be a
+function for all tasks, too: file.py:name. See docs/howto/benchmark.md.
+
+Examples
+--------
+  npend benchmark pretrained --suite core
+  npend benchmark models --suite core --algorithm PPO --trust --name ppo --env-steps 1000000
+  npend benchmark swingup-2.onnx --out results --compare benchmarks/leaderboard
+  npend benchmark mine.py:act --suite hard --name mine -o results
+  npend benchmark --compare benchmarks/leaderboard --suite core
+  npend benchmark --check benchmarks/leaderboard/pretrained-core-0.json
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from npend_gym.cli.common import FAILED, OK, finishing, prepare_results, progress, warn
+
+
+def run(
+    model: str | None = None,
+    *,
+    suite: Literal["core", "hard", "release"] = "core",
+    name: str | None = None,
+    algorithm: str | None = None,
+    trust: bool = False,
+    env_steps: int | None = None,
+    by: str | None = None,
+    episodes: int = 100,
+    compare: Path | None = None,
+    check: Path | None = None,
+    tolerance: float = 0.0,
+    as_json: bool = False,
+    out: Path | None = None,
+) -> int:
+    """Play, compare or check; return the exit code.
+
+    Parameters
+    ----------
+    model : model, optional
+        Where the models are: a name of the package, a folder, a file, or a function.
+    suite : name
+        Which tasks are played.
+    name : name, optional
+        Of the algorithm, for tables and names of files (default the name of MODEL).
+    algorithm : name, optional
+        Class of Stable-Baselines3 or sb3-contrib that reads .zip files, such as PPO.
+    trust : bool
+        Allow .zip and .pkl files, whose pickles can run any code.
+    env_steps : int, optional
+        Environment steps of the training of each task, for readers.
+    by : str, optional
+        Who trained it, for readers.
+    episodes : int
+        Of each task; with fewer than 100 the result is not complete.
+    compare : folder, optional
+        A folder, or a JSON file, of results that are put beside these.
+    check : file, optional
+        A JSON file of results, whose episodes are played again and compared.
+    tolerance : float
+        Share of the episodes that may differ with --check.
+    as_json : bool
+        Print everything as JSON.
+    out : folder, optional
+        Write a JSON and a CSV for each run there.
+    """
+    from npend_gym.rl.benchmarking.comparison import compare_benchmarks
+    from npend_gym.rl.benchmarking.play import benchmark
+    from npend_gym.rl.benchmarking.readers import read_models
+    from npend_gym.rl.benchmarking.results import read_benchmarks
+
+    if check is not None:
+        return _checked(check, model, algorithm, trust=trust, tolerance=tolerance)
+    if model is None and compare is None:
+        raise ValueError("give a model, --compare or --check")
+    if out is not None and model is not None:
+        prepare_results(out, "npend benchmark")
+    known = [] if compare is None else read_benchmarks([compare])
+    others = [each for each in known if each.suite == suite]
+    runs: list[Any] = []
+    if model is not None:
+        about: dict[str, Any] = {"env_steps": env_steps, "by": by}
+        shown, plans = progress("tasks"), progress("plans")
+        read = read_models(model, suite, algorithm=algorithm, trust=trust, progress=plans)
+        for seed, found in read.items():
+            runs.append(
+                benchmark(
+                    found.models,
+                    suite,
+                    name=name or Path(model.partition(":")[0]).stem,
+                    run=seed,
+                    episodes=episodes,
+                    about={key: each for key, each in about.items() if each is not None},
+                    source=found.source,
+                    progress=shown,
+                )
+            )
+    shorter = any(not each.complete for each in runs)
+    if shorter and others:
+        raise ValueError(f"episodes must be 100 with --compare, got {episodes}")
+    rows = compare_benchmarks([*runs, *others]) if others else []
+    with finishing():
+        written = [] if out is None else [path for each in runs for path in each.write(out)]
+        if as_json:
+            said = {"runs": [each.as_dict() for each in runs], "compared": rows}
+            print(json.dumps(said, indent=2, allow_nan=False))
+        else:
+            _print(runs, rows)
+            print(*(f"written: {path}" for path in written), sep="\n")
+    return OK
+
+
+def _print(runs: Sequence[Any], rows: Sequence[dict[str, Any]]) -> None:
+    for each in runs:
+        print(f"{each.name}, run {each.run}: {each.suite}, mean score {each.score:.3f}")
+        for task, score in each.scores.items():
+            mean = each.episodes[task]["return"].mean() if task in each.episodes else None
+            shown = "not run" if mean is None else f"score {score:.3f}   return {mean:.2f}"
+            print(f"  {task:18}{shown}")
+        if each.not_run:
+            warn(f"npend benchmark: not run, and counted as 0: {', '.join(each.not_run)}")
+    if rows:
+        print(f"\n{'algorithm':20}runs tasks  mean   IQM   95 % interval        better than first")
+    for row in rows:
+        interval = f"{row['low']:.3f} to {row['high']:.3f} ({row['over']})"
+        better = f"{row['improvement']:.2f}"
+        better += f" ({row['improvement_low']:.2f} to {row['improvement_high']:.2f})"
+        print(
+            f"{row['name']:20}{row['runs']:4}{row['tasks']:6}{row['mean']:6.3f}{row['iqm']:6.3f}"
+            f"   {interval:27}{better}"
+        )
+
+
+def _checked(
+    path: Path, model: str | None, algorithm: str | None, *, trust: bool, tolerance: float
+) -> int:
+    """Play the episodes of a file again; nothing that the file names is imported or read."""
+    from npend_gym.cli.common import printable
+    from npend_gym.rl.benchmarking.check import check_benchmark
+    from npend_gym.rl.benchmarking.readers import NAMED, read_models
+    from npend_gym.rl.benchmarking.results import read_benchmarks
+
+    (found,) = read_benchmarks([path])
+    source = model or found.record["model"].get("from")
+    if model is None and source not in NAMED:
+        raise ValueError(f"model must be given with --check {path}, which is of models in a file")
+    read = read_models(str(source), found.suite, algorithm=algorithm, trust=trust)
+    if found.run not in read and len(read) == 1:
+        read = {found.run: next(iter(read.values()))}
+    if found.run not in read:
+        raise ValueError(f"model must have the run {found.run}, got {', '.join(map(str, read))}")
+    own = read[found.run]
+    replay = check_benchmark(
+        found, own.models, sha256=own.source.get("sha256"), tolerance=tolerance,
+        progress=progress("tasks"),
+    )  # fmt: skip
+    for each in replay.complaints:
+        warn(f"npend benchmark: {path}: {each}")
+    same = "to the last bit" if replay.same_bits else "but for rounding, or within the tolerance"
+    if replay.accepted:
+        print(f"{printable(str(path))}: accepted, its episodes are the same {same}")
+    return OK if replay.accepted else FAILED

@@ -1,0 +1,117 @@
+"""Algorithms side by side: interquartile means, intervals, probability of improvement, profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.rl.benchmarking.results import BenchmarkRun
+from npend_gym.rl.benchmarking.suites import tasks_of
+from npend_gym.rl.evaluation.statistics import (
+    bootstrap_interval,
+    interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+)
+
+FEW = 3  # runs, with fewer of which an interval of runs says nothing
+_PROFILE = 0.0, 0.25, 0.5, 0.75, 0.95  # scores
+
+
+def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[dict[str, Any]]:
+    """Compare algorithms in one suite, with the statistics of `bootstrap_interval` and its like.
+
+    Parameters
+    ----------
+    runs : iterable of BenchmarkRun
+        Those of one name belong to one algorithm.
+    against : str
+        The algorithm with which others are compared; the default is the first.
+
+    Returns
+    -------
+    list of dict
+        For each algorithm "name", "runs", "tasks" (number of those that were run), "mean" and
+        "iqm" (interquartile mean) of the scores, "low" and "high" (95 %), "over" ("runs" or
+        "episodes", which were resampled within each task; episodes of fewer than three runs),
+        "improvement" with "improvement_low" and "improvement_high" (that a run, or else an
+        episode, scores more than one of `against`), and "profile" (the share of runs and tasks
+        that score more than 0, 0.25, 0.5, 0.75 and 0.95). A task that was not run scores 0.
+
+    Raises
+    ------
+    ValueError
+        If the runs are of several suites, if one has fewer episodes than another, or if there is
+        no algorithm `against`.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> policies = {"swingup-1": rl.Policy.pretrained("swingup-1")}
+    >>> runs = [rl.benchmark(policies, name="shipped", episodes=2)]
+    >>> rl.compare_benchmarks(runs)[0]["mean"]
+    0.125
+    """
+    groups: dict[str, list[BenchmarkRun]] = {}
+    for each in runs:
+        groups.setdefault(each.name, []).append(each)
+    suites = {each.suite for group in groups.values() for each in group}
+    if len(suites) != 1:
+        raise ValueError(f"runs must be of one suite, got {', '.join(sorted(suites)) or 'none'}")
+    other = _checks.choice("against", against or next(iter(groups)), tuple(groups))
+    return [_compared(name, groups[name], groups[other]) for name in groups]
+
+
+def _compared(
+    name: str, own: Sequence[BenchmarkRun], other: Sequence[BenchmarkRun]
+) -> dict[str, Any]:
+    by_task = np.array([list(each.scores.values()) for each in own])
+    few = len(own) < FEW
+    units = _episodes(own) if few else by_task
+    low, high = bootstrap_interval(units, _of_means if few else interquartile_mean)
+    few_of_both = few or len(other) < FEW
+    pair = [_episodes(each) if few_of_both else _scores(each) for each in (own, other)]
+    chance = bootstrap_interval(pair[0], probability_of_improvement, others=pair[1], resamples=500)
+    return {
+        "name": name,
+        "runs": len(own),
+        "tasks": len(tasks_of(own[0].suite)) - len(own[0].not_run),
+        "mean": float(by_task.mean()),
+        "iqm": interquartile_mean(by_task),
+        "low": low,
+        "high": high,
+        "over": "episodes" if few else "runs",
+        "improvement": probability_of_improvement(*pair),
+        "improvement_low": chance[0],
+        "improvement_high": chance[1],
+        "profile": performance_profile(by_task, _PROFILE).tolist(),
+    }
+
+
+def _scores(runs: Sequence[BenchmarkRun]) -> FloatArray:
+    """Return the mean score of every run in every task, (runs, tasks)."""
+    return np.array([list(each.scores.values()) for each in runs])
+
+
+def _episodes(runs: Sequence[BenchmarkRun]) -> FloatArray:
+    """Return the scores of all episodes of all runs, (episodes, tasks)."""
+    sizes = {columns["score"].size for each in runs for columns in each.episodes.values()}
+    if len(sizes) > 1:
+        raise ValueError(f"runs must have as many episodes in each task, got {sorted(sizes)}")
+    nothing = np.zeros(*sizes)
+    return np.concatenate([
+        np.stack([
+            each.episodes[task]["score"] if task in each.episodes else nothing
+            for task in tasks_of(each.suite)
+        ], axis=1)
+        for each in runs
+    ])  # fmt: skip
+
+
+def _of_means(scores: FloatArray) -> float:
+    """Return the interquartile mean of the mean scores of all tasks."""
+    return interquartile_mean(scores.mean(axis=0, keepdims=True))
