@@ -1,12 +1,14 @@
 """The tasks by name: what Gymnasium's registry says of them, and that policies solve them."""
 
 import csv
+import json
 import re
 from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+import public_ids
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
@@ -106,6 +108,48 @@ def test_the_threshold_of_a_task_is_left_out_where_keywords_make_another_task(ma
         {"randomize": {"masses": [0.9, 1.1]}},
     )  # fmt: skip
     assert {threshold(**keywords) for keywords in others} == {None}
+
+
+# -- what an id is --------------------------------------------------------------------------
+
+
+def test_no_public_id_is_without_a_record_of_what_it_is():
+    assert set(json.loads(public_ids.FILE.read_text("utf-8"))) >= set(TASKS)
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_the_rewards_starts_and_observations_of_an_id_stay_as_they_are_or_it_gets_a_new_version(
+    env_id,
+):
+    known = json.loads(public_ids.FILE.read_text("utf-8"))[env_id]
+    found = public_ids.described(env_id)
+    assert found.keys() == known.keys()
+    for key, value in known.items():
+        if not isinstance(value, dict):
+            assert found[key] == value, key
+            continue
+        assert found[key]["terminated"] == value["terminated"]
+        for name in ("observations", "rewards"):
+            np.testing.assert_allclose(found[key][name], value[name], atol=2e-5, err_msg=key)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"reward_type": "sparse"},
+        {"spread": 0.06},
+        {"max_torque": 14.0},
+        {"damping": 0.01},
+        {"observation": "sincos"},
+    ],
+)
+def test_another_reward_start_motor_chain_or_observation_is_another_id(change, monkeypatch):
+    make = gym.make
+    monkeypatch.setattr(gym, "make", lambda env_id: make(env_id, **change))
+    with pytest.raises(AssertionError):
+        test_the_rewards_starts_and_observations_of_an_id_stay_as_they_are_or_it_gets_a_new_version(
+            "npend/SwingUp-v1"
+        )
 
 
 # -- the ladder of torque limits ------------------------------------------------------------
