@@ -17,10 +17,10 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.layout import MAX_SPEED
+from npend_gym.physics.kernels.methods import METHODS
 from npend_gym.physics.mechanism import Mechanism, mechanism_of
 
 MIN_RTOL = 1e-14
-METHODS = ("dop853", "rk4")  # of `simulate`
 _MOST_DEGREES = 720.0  # larger numbers are no degrees of a start
 
 
@@ -192,9 +192,11 @@ def check_rtol(rtol: float) -> float:
 
 def check_settings(method: str, rtol: float, atol: float, dt: float | None) -> dict[str, float]:
     """Return those of the settings that `method` takes."""
-    if _checks.choice("method", method, METHODS) == "rk4":
+    if not METHODS[_checks.choice("method", method, (*METHODS,))].adaptive:
         if dt is None:
-            raise ValueError('dt must be given with method "rk4": the longest step in seconds')
+            raise ValueError(
+                f'dt must be given with method "{method}": the longest step in seconds'
+            )
         return {"dt": _checks.positive_number("dt", dt)}
     longest = {} if dt is None else {"dt": _checks.positive_number("dt", dt)}
     return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol), **longest}

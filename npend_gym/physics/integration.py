@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.physics.kernels.dop853 import STUCK, Problem, Solver
 from npend_gym.physics.kernels.link_terms import SpringArrays
+from npend_gym.physics.kernels.solver import STUCK, Problem, Solver
 
 MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
 _MAX_STEPS = 10**12  # between two times

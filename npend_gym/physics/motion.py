@@ -26,7 +26,12 @@ from npend_gym.physics.integration import (
     count_steps,
     diverged,
 )
-from npend_gym.physics.kernels.dop853 import (
+from npend_gym.physics.kernels.drive import Frames, Observer, drive_many, drive_one
+from npend_gym.physics.kernels.driven import Torque
+from npend_gym.physics.kernels.dynamics import AnyArrays
+from npend_gym.physics.kernels.methods import METHODS
+from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames, rk4_frames_of_packs
+from npend_gym.physics.kernels.solver import (
     RUNNING,
     STATUS,
     STUCK,
@@ -34,15 +39,10 @@ from npend_gym.physics.kernels.dop853 import (
     Solver,
     new_solver,
 )
-from npend_gym.physics.kernels.drive import Frames, Observer, drive_many, drive_one
-from npend_gym.physics.kernels.driven import Torque
-from npend_gym.physics.kernels.dynamics import AnyArrays
-from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames, rk4_frames_of_packs
 from npend_gym.physics.mechanism import Mechanism
 
 _STEPS_KEPT = 4096  # in one compiled call that keeps them
 MAX_BYTES = 2**33  # of the steps of a motion that are kept
-_POWERS = {"dop853": 7, "rk4": 3}  # rows of the polynomial of a step
 
 
 class TakenSteps(NamedTuple):
@@ -95,7 +95,7 @@ class TakenSteps(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """An integration by DOP853 in progress."""
+    """An integration in progress, but by Runge-Kutta 4."""
 
     lanes: tuple[Solver, Problem]
     status: FloatArray  # see `drive_many`
@@ -128,9 +128,11 @@ class Motion:
     drives : Drives
         What acts on it in the course of time; they have begun. On a pack constants alone act.
     settings : mapping
-        "rtol", "atol" and perhaps "dt", or "dt" alone, as `simulate` takes them.
+        "rtol", "atol" and perhaps "dt", or "dt" alone, as the method takes them.
     members : slice, optional
         Which motions of the caller's stand in the pack, where errors shall name them.
+    method : str
+        One of `METHODS`.
     """
 
     def __init__(
@@ -140,6 +142,7 @@ class Motion:
         drives: Drives,
         settings: Mapping[str, float],
         members: slice | None = None,
+        method: str = "dop853",
     ) -> None:
         self.mechanism: Mechanism = mechanism
         self.state: FloatArray = state
@@ -148,7 +151,9 @@ class Motion:
         self.members: slice | None = members
         self.arrays: AnyArrays = mechanism.arrays()
         self.width: int = state.size // (2 * mechanism.size)
-        self.method = "dop853" if "rtol" in settings else "rk4"
+        self.method = METHODS[method]
+        # whether a step ends at each of the instants that are asked for
+        self.stops: bool = method == "rk4"
         most = RODS_PER_CALL if self.width == 1 else RODS_PER_PACK_CALL
         self.steps_of_call: int = max(1, most // (mechanism.n * self.width))
 
@@ -171,8 +176,8 @@ class Motion:
         state, width, size = self.state, self.width, 2 * self.mechanism.size
         count = self.steps_of_call
         count = min(count, most or (_STEPS_KEPT if kept else count))
-        columns = 2 + size + (_POWERS[self.method] * size + 1 if dense else 0)
-        begin = self._adaptive if self.method == "dop853" else self._fixed
+        columns = 2 + size + (self.method.rows[1] * size + 1 if dense else 0)
+        begin = self._fixed if self.stops else self._driven
         for piece, torque in self.drives.pieces(float(times[0]), float(times[-1])):
             first, last = np.searchsorted(times, piece, side="right")
             inner = times[first:last]
@@ -193,10 +198,10 @@ class Motion:
                 if failure is not None:
                     raise failure
 
-    def _adaptive(
+    def _driven(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
     ) -> Advance:
-        """A function that takes a number of steps of DOP853 at most, up to the last of `ends`.
+        """A function that takes a number of steps at most, up to the last of `ends`.
 
         It returns how many of the frames are written, what was counted, the state reached, and
         the exception that ended the steps, if one did.
@@ -217,26 +222,27 @@ class Motion:
         return advance
 
     def follow(self, begin: float, end: float, observer: Observer, call: Call) -> None:
-        """Integrate by DOP853 from `begin` to `end` [s], or as far as is observed."""
+        """Integrate from `begin` to `end` [s], or as far as is observed."""
         for _, torque in self.drives.pieces(begin, end):
             run = self._begin(begin, self.state, torque)
             while np.any(run.status[: self.width] == RUNNING) and not call.stopped:
                 self._take(run, observer, end, self.steps_of_call)
 
     def _begin(self, t: float, state: FloatArray, torque: Torque) -> _Run:
-        problem = Problem(self.arrays, torque, self.settings["rtol"], self.settings["atol"])
+        tolerances = self.settings.get("rtol", 0.0), self.settings.get("atol", 0.0)
+        problem = Problem(self.arrays, torque, *tolerances)
         status = np.full(2 * self.width, RUNNING)
-        return _Run((new_solver(t, state, self.width), problem), status)
+        return _Run((new_solver(t, state, self.method.rows, self.width), problem), status)
 
     def _take(self, run: _Run, observer: Observer, end: float, count: int) -> None:
-        """Take at most `count` steps of DOP853."""
+        """Take at most `count` steps."""
         (solver, _), status, n = run.lanes, run.status, self.mechanism.n
         longest, half = self.settings.get("dt", math.inf), solver.y.size // 2
         # lanes that are done have no next step either
         starting = not np.any(solver.clock[2 * self.width : 3 * self.width])
         with self.drives.interruptible():
             kernel = drive_one if self.width == 1 else drive_many
-            kernel(run.lanes, observer, starting, end, longest, count, status)
+            kernel(run.lanes, self.method, observer, starting, end, longest, count, status)
         q, u, t = solver.y[:half], solver.y[half:], float(solver.clock[self.width])
         self.drives.check(q, u, t, stuck=status[STATUS] == STUCK)
         check_going(run.lanes, status, n, self.members)
@@ -244,7 +250,7 @@ class Motion:
     def _fixed(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
     ) -> Advance:
-        """A function that takes steps of Runge-Kutta 4; see `_adaptive`."""
+        """A function that takes steps of Runge-Kutta 4; see `_driven`."""
         y, dt, n, width = state.copy(), self.settings["dt"], self.mechanism.n, self.width
         steps, progress = count_steps(ends, dt), np.array([1, 0, 0])
         rods = torque, self.arrays, new_rk4_scratch(self.mechanism.size, width)
@@ -276,7 +282,7 @@ class Motion:
     def steps(self, times: FloatArray) -> TakenSteps:
         """Return all steps from ``times[0]`` to ``times[-1]`` [s], which are taken once more."""
         parts: list[TakenSteps] = []
-        ends = times if self.method == "rk4" else times[[0, -1]]
+        ends = times if self.stops else times[[0, -1]]
         for segment in self.segments(ends, kept=True):
             parts += segment.steps
             if sum(part.polynomials.nbytes for part in parts) > MAX_BYTES:
@@ -309,7 +315,11 @@ def packs_of(count: int, kinds: Sequence[int] = ()) -> list[slice]:
 
 
 def pack_of(
-    states: States, members: slice, settings: Mapping[str, float], width: int = WIDTH
+    states: States,
+    members: slice,
+    settings: Mapping[str, float],
+    width: int = WIDTH,
+    method: str = "dop853",
 ) -> Motion:
     """Return the motions from some of these states, (B, m), side by side under constant loads.
 
@@ -319,4 +329,4 @@ def pack_of(
     state = innermost(np.hstack([states.q[lanes], states.u[lanes]]))
     loads = innermost(states.loads[lanes])
     drives = Drives(states.mechanism.n, loads, {}, loads.size)
-    return Motion(states.mechanism.of(lanes), state, drives, settings)
+    return Motion(states.mechanism.of(lanes), state, drives, settings, method=method)

@@ -124,4 +124,4 @@ def motion_of(
     settings = dict(recipe.settings)
     if recipe.longest_step is not None:
         settings["dt"] = min(settings.get("dt", math.inf), float(recipe.longest_step))
-    return Motion(mechanism, state, drives, settings, members)
+    return Motion(mechanism, state, drives, settings, members, recipe.method)

@@ -20,7 +20,6 @@ from npend_gym.physics.directions import (
     row_count,
     with_features,
 )
-from npend_gym.physics.kernels import dop853, rk4
 from npend_gym.physics.kernels.driven import AFTER_TORQUES, Sampled, Torque
 from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.tape import Rods, Steps, carry_back, carry_changes, new_scratch
@@ -53,23 +52,6 @@ class MotionGradient(NamedTuple):
     by_parameters: dict[str, FloatArray]  # (n,) each; () for gravity
 
 
-class Method(NamedTuple):
-    """A Runge-Kutta method as its derivatives need it."""
-
-    tableau: FloatArray  # (stages, stages)
-    weights: FloatArray  # of the end of a step, (stages,)
-    instants: FloatArray  # of the stages, in steps, (stages,)
-    needed: int  # stages of a step without dense output
-
-
-_METHODS = {
-    "dop853": Method(
-        dop853.TABLEAU, dop853.TABLEAU[dop853.STAGES].copy(), dop853.INSTANTS, dop853.STAGES
-    ),
-    "rk4": Method(rk4.TABLEAU, rk4.WEIGHTS, rk4.INSTANTS, len(rk4.WEIGHTS)),
-}
-
-
 class Tape(NamedTuple):
     """Some steps of a motion, for kernels that differentiate them."""
 
@@ -85,8 +67,9 @@ def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterato
 
     They have the bits of those that `simulate` takes from the same start with the same settings.
     """
-    method, adaptive = _METHODS[motion.method], motion.method == "dop853"
-    ends = times[[0, -1]] if adaptive else times  # what lies between does not change these steps
+    method = motion.method
+    end_weights = method.tableau[method.stages].copy()
+    ends = times if motion.stops else times[[0, -1]]  # what lies between changes no steps
     for segment in motion.segments(ends, kept=True, dense=False, most=steps):
         (taken,) = segment.steps
         if not taken.begin.size:
@@ -95,17 +78,17 @@ def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterato
         first, last = np.searchsorted(times, [begin[0], end[-1]], side="right")
         instants = times[first:last]
         at = np.searchsorted(end, instants)
-        within, stages = instants < end[at], np.full(len(begin), method.needed)
-        weights = np.tile(method.weights, (at.size, 1))
+        within, stages = instants < end[at], np.full(len(begin), method.stages)
+        weights = np.tile(end_weights, (at.size, 1))
         if within.any():
             inside = at[within]
             fraction = (instants[within] - begin[inside]) / length[inside]
-            weights[within] = dop853.dense_weights(fraction)
+            weights[within] = method.weights(fraction)
             stages[inside] = len(method.tableau)
         kernel_steps = Steps(
-            taken.states.copy(), length, method.tableau, stages, method.weights, at, weights
+            taken.states.copy(), length, method.tableau, stages, end_weights, at, weights
         )
-        loads = _loads(motion, segment.torque, taken, method.instants)
+        loads = _loads(motion, segment.torque, taken, method.instants[: stages.max()])
         span = slice(int(first), int(last))
         yield Tape(kernel_steps, loads, span, float(end[-1]), segment.after)
 
@@ -143,7 +126,7 @@ def carry(
     (count, size), n = states.shape, motion.mechanism.n
     loads = np.zeros((count, n + AFTER_TORQUES)) if loads is None else loads
     parameters = np.zeros((count, 0, n)) if parameters is None else parameters
-    stages = len(_METHODS[motion.method].tableau)
+    stages = len(motion.method.tableau)
     at_a_time = max(1, min(steps, 2 * _WORK // (stages * size * max(1, count))))
     scratch, chain = new_scratch(stages, size // 2), arrays_for(motion, names)
     mass = motion.mechanism.parameters.masses[0].copy()
@@ -273,7 +256,7 @@ def gradient(
         width = m if values.ndim == 2 and values.shape[1] == m else n
         shape = (trajectory.times.size, width)
         bars[:, first : first + width] = _checks.broadcast(name, values, shape)
-    scratch = new_scratch(len(_METHODS[motion.method].tableau), m)
+    scratch = new_scratch(len(motion.method.tableau), m)
     mass = motion.mechanism.parameters.masses[0].copy()
     bar, load_bar = np.zeros(2 * m), np.zeros((1, 1, n + AFTER_TORQUES))
     chain_bar = np.zeros((row_count(type(chain)) if names else 0, n))
@@ -322,7 +305,7 @@ def _check_rest(chain: Chain, motion: Motion, tape: Tape) -> None:
 
     No error limits such a step, and in a long one the method is unstable. The base may move.
     """
-    if motion.method != "dop853":
+    if not motion.method.adaptive:
         return
     changes = np.abs(np.diff(np.vstack([tape.steps.states, tape.after]), axis=0))
     m, n = motion.mechanism.size, chain.n

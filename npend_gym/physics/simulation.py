@@ -149,7 +149,7 @@ def simulate(
     places = {"position": position, "velocity": velocity}
     axial = {"stretch": stretch, "stretch_rate": stretch_rate}
     started = Start(
-        chains, angles, speeds, drives, places | axial, instants, settings, one=one
+        chains, angles, speeds, drives, places | axial, instants, settings, method, one=one
     )  # fmt: skip
     watching = watched(events, chains[0])
     seen = [Sightings(len(watching)) for _ in range(started.count if watching else 0)]

@@ -39,6 +39,8 @@ class Start:
         Instants of the motions [s]; they begin at the first.
     settings : dict
         Those that the method takes.
+    method : str
+        One of `METHODS`.
     one : bool
         Whether there is one motion, whose results have no leading axis.
 
@@ -57,7 +59,7 @@ class Start:
     def __init__(
         self, chains: tuple[Chain, ...], theta: FloatArray, omega: FloatArray,
         drives: dict[str, Any], state: dict[str, Any], times: FloatArray,
-        settings: dict[str, float], *, one: bool,
+        settings: dict[str, float], method: str = "dop853", *, one: bool,
     ) -> None:  # fmt: skip
         self.chains: tuple[Chain, ...] = chains
         first = chains[0]
@@ -82,7 +84,7 @@ class Start:
         self.count: int = len(self.states.q)
         force = states.loads[..., first.n] if mechanism.places == 1 else np.zeros(())
         recipe = Recipe(
-            "dop853" if "rtol" in settings else "rk4", settings, states.loads[..., : first.n],
+            method, settings, states.loads[..., : first.n],
             force.copy() if force.ndim else float(force), accelerated,
         )  # fmt: skip
         functions = {name: each if isinstance(each, (Signal, Function)) else Function(each)
@@ -141,7 +143,7 @@ class Start:
     def motion(self, members: slice, *, packed: bool) -> Motion:
         """Return some of the motions as a pack, where constants alone drive them, or one."""
         if packed:
-            motion = pack_of(self.states, members, self._settings)
+            motion = pack_of(self.states, members, self._settings, method=self.recipe.method)
             motion.members = members
             return motion
         k, states = members.start, self.states

@@ -16,12 +16,12 @@ from npend_gym._checks import FloatArray
 from npend_gym._faces import MethodFromAbove
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
+from npend_gym.physics.kernels.methods import METHODS
 from npend_gym.physics.recipe import Recipe
 
 EVENTS = ("t_events", "theta_events", "omega_events")
 # The parts of a state in their order: all coordinates, then their rates
 STATE = ("theta", "position", "stretch", "omega", "velocity", "stretch_rate")
-_STAGES, _DENSE = 12, 3  # evaluations in a step, and more for dense output
 
 IntArray = NDArray[np.int64]
 
@@ -139,8 +139,9 @@ class Trajectory:
 
         Two more evaluations, after each instant of a `Signal`, are not counted.
         """
-        taken, refused, dense = self._counted
-        return 2 + _STAGES * taken + (_STAGES - 1) * refused + _DENSE * dense
+        method = "dop853" if self.recipe is None else self.recipe.method
+        pairs = zip(METHODS[method].evaluations, self._counted, strict=True)
+        return 2 + sum(each * count for each, count in pairs)
 
     @property
     def steps(self) -> Any:
@@ -156,8 +157,8 @@ class Trajectory:
     def _counted(self) -> IntArray:
         if self.counts is None:
             raise ValueError(
-                'steps are counted where simulate(..., method="dop853") took them, not those '
-                'of a GPU or of "rk4"'
+                "steps are counted where a method with tolerances took them, not those of a GPU "
+                'or of "rk4", whose steps dt sets'
             )
         return self.counts
 

@@ -1,4 +1,4 @@
-"""The loop of DOP853, of one motion or of WIDTH in a pack with steps of their own; its observers.
+"""The loop of a motion, or of WIDTH in a pack with steps of their own; its observers.
 
 An *observer* looks at each step that is taken, and may end the motions it has seen enough of:
 `Frames` keeps states and steps, `Flips` waits for a rod that turns over, `Release` for the turning
@@ -24,23 +24,20 @@ from npend_gym.compiled.jit import (
     spliced_kernel,
 )
 from npend_gym.compiled.packs import WIDTH, any_of, where
-from npend_gym.physics.kernels.dop853 import (
+from npend_gym.physics.kernels.dynamics import copy
+from npend_gym.physics.kernels.methods import Method, attempt, prepare_dense, start
+from npend_gym.physics.kernels.releases import Release, observe_release
+from npend_gym.physics.kernels.solver import (
     DONE,
-    POWERS,
     RUNNING,
     STATUS,
     STUCK,
     TAKEN,
     Problem,
     Solver,
-    attempt,
     interpolate,
-    prepare_dense,
-    start,
     state_at,
 )
-from npend_gym.physics.kernels.dynamics import copy
-from npend_gym.physics.kernels.releases import Release, observe_release
 
 _HALVINGS = 60  # of a step: its length times 2^-60 is below what time resolves
 
@@ -52,8 +49,8 @@ class Frames(NamedTuple):
     progress: NDArray[np.int64]  # frames that are written, rows of `visited` that are: (2, lanes)
     frames: FloatArray  # (lanes, T, 2m)
     # Begin and end of each step and the state at its beginning, then, if there is room, its
-    # polynomial and the count of refused steps: (lanes, steps, 2 + 2m or 3 + 16m); or nothing where
-    # steps are not kept
+    # polynomial and the count of refused steps: (lanes, steps, 2 + 2m or 3 + 2m (1 + powers)); or
+    # nothing where steps are not kept
     visited: FloatArray
 
 
@@ -69,14 +66,14 @@ Observer = Frames | Flips | Release
 
 @inlined_kernel
 def _observe_frames(
-    view: NumbersOf, width: int, solver: Solver, problem: Problem, taken: bool, observer: Frames,
-    status: FloatArray,
+    view: NumbersOf, width: int, solver: Solver, problem: Problem, method: Method, taken: bool,
+    observer: Frames, status: FloatArray,
 ) -> None:  # fmt: skip
     times, visited, size = observer.times, observer.visited, observer.frames.shape[2]
     keeps = visited.shape[2] > 2 + size
     dense = keeps
     if keeps:
-        prepare_dense(solver, problem)
+        prepare_dense(solver, problem, method)
     for k in range(width):
         if status[TAKEN * width + k] == 0.0:
             continue
@@ -88,15 +85,15 @@ def _observe_frames(
             row[0], row[1] = begin, end
             copy(own.y_old, row[2:])
             if keeps:
-                for p in range(POWERS):
+                for p in range(own.poly.shape[0]):
                     copy(own.poly[p], row[2 + (p + 1) * size :])
-                row[2 + (POWERS + 1) * size] = own.counts[1]
+                row[2 + (own.poly.shape[0] + 1) * size] = own.counts[1]
         while done < times.size and times[done] <= end:
             if times[done] == end:
                 copy(own.y, observer.frames[k, done])
             else:
                 if not dense:
-                    prepare_dense(solver, problem)
+                    prepare_dense(solver, problem, method)
                     dense = True
                 within = True
                 interpolate(own, (times[done] - begin) / (end - begin), observer.frames[k, done])
@@ -144,8 +141,8 @@ def _first_flip(solver: Solver, n: int) -> float:
 
 @inlined_kernel
 def _observe_flips(
-    view: NumbersOf, width: int, solver: Solver, problem: Problem, taken: bool, observer: Flips,
-    status: FloatArray,
+    view: NumbersOf, width: int, solver: Solver, problem: Problem, method: Method, taken: bool,
+    observer: Flips, status: FloatArray,
 ) -> None:  # fmt: skip
     rates, clock = solver.y.size // 2, solver.clock
     # where a rod may have come, at the sum of its speeds at both ends of the step
@@ -156,7 +153,7 @@ def _observe_flips(
         reached = reached | (far >= math.pi)
     if not any_of(taken & reached):
         return
-    prepare_dense(solver, problem)
+    prepare_dense(solver, problem, method)
     for k in range(width):
         if status[TAKEN * width + k] == 0.0:
             continue
@@ -171,7 +168,7 @@ def _observe_flips(
     "observer", {Frames: _observe_frames, Flips: _observe_flips, Release: observe_release}
 )
 def _observe(
-    view: NumbersOf, width: int, solver: Solver, problem: Problem, taken: bool,
+    view: NumbersOf, width: int, solver: Solver, problem: Problem, method: Method, taken: bool,
     observer: Observer, status: FloatArray,
 ) -> None:  # fmt: skip
     """Look at a step that the lanes in `taken` have taken."""
@@ -180,25 +177,25 @@ def _observe(
 
 @spliced_kernel
 def _drive(
-    view: NumbersOf, width: int, lanes: tuple[Solver, Problem], observer: Observer, starting: bool,
-    t_end: float, longest: float, steps: int, status: FloatArray,
+    view: NumbersOf, width: int, lanes: tuple[Solver, Problem], method: Method,
+    observer: Observer, starting: bool, t_end: float, longest: float, steps: int,
+    status: FloatArray,
 ) -> None:  # fmt: skip
     solver, problem = view(lanes)
     state, clock = view(status), solver.clock
     if starting:
-        rest = t_end - clock[1]
-        start(solver, problem, where(rest < longest, rest, longest))
+        start(solver, problem, method, t_end - clock[1], longest)
     while steps > 0:
         running = state[STATUS] == RUNNING
         if not any_of(running):
             break
         clock[2] = where(clock[2] > longest, longest, clock[2])
-        outcome = attempt(solver, where(running, t_end, clock[1]), problem)
+        outcome = attempt(solver, where(running, t_end, clock[1]), problem, method)
         state[STATUS] = where(running & (outcome < 0.0), STUCK, state[STATUS])
         taken = running & (outcome > 0.0)
         if any_of(taken):
             state[TAKEN] = where(taken, 1.0, 0.0)
-            _observe(view, width, solver, problem, taken, observer, bare(status))
+            _observe(view, width, solver, problem, method, taken, observer, bare(status))
             over = taken & (state[STATUS] == RUNNING) & (clock[1] >= t_end)
             state[STATUS] = where(over, DONE, state[STATUS])
             steps -= 1
@@ -206,17 +203,17 @@ def _drive(
 
 @kernel
 def drive_one(
-    lanes: tuple[Solver, Problem], observer: Observer, starting: bool, t_end: float,
-    longest: float, steps: int, status: FloatArray,
+    lanes: tuple[Solver, Problem], method: Method, observer: Observer, starting: bool,
+    t_end: float, longest: float, steps: int, status: FloatArray,
 ) -> None:  # fmt: skip
     """Follow one motion; see `drive_many`."""
-    _drive(bare, 1, lanes, bare(observer), starting, t_end, longest, steps, status)
+    _drive(bare, 1, lanes, bare(method), bare(observer), starting, t_end, longest, steps, status)
 
 
 @kernel
 def drive_many(
-    lanes: tuple[Solver, Problem], observer: Observer, starting: bool, t_end: float,
-    longest: float, steps: int, status: FloatArray,
+    lanes: tuple[Solver, Problem], method: Method, observer: Observer, starting: bool,
+    t_end: float, longest: float, steps: int, status: FloatArray,
 ) -> None:  # fmt: skip
     """Follow WIDTH motions up to `t_end`, or until the observer ends them.
 
@@ -224,4 +221,6 @@ def drive_many(
     `status` has two rows, which lanes go on and which have taken the last step. After `steps` of
     the pack the call returns, and another, which is not `starting`, continues.
     """
-    _drive(packs, WIDTH, lanes, bare(observer), starting, t_end, longest, steps, status)
+    _drive(
+        packs, WIDTH, lanes, bare(method), bare(observer), starting, t_end, longest, steps, status
+    )

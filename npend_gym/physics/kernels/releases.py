@@ -15,14 +15,6 @@ from npend_gym.compiled.arrays import NumbersOf, lane
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
-from npend_gym.physics.kernels.dop853 import (
-    DONE,
-    STATUS,
-    Problem,
-    Solver,
-    prepare_dense,
-    state_at,
-)
 from npend_gym.physics.kernels.link_terms import (
     AnyArrays,
     ChainArrays,
@@ -31,6 +23,8 @@ from npend_gym.physics.kernels.link_terms import (
     SliderArrays,
     SpringArrays,
 )
+from npend_gym.physics.kernels.methods import Method, prepare_dense
+from npend_gym.physics.kernels.solver import DONE, STATUS, Problem, Solver, state_at
 from npend_gym.physics.kernels.turning_points import (
     AROUND,
     COM,
@@ -289,12 +283,12 @@ def _mark(solver: Solver, right: float, taken: bool, release: Release, rods: Rod
 
 @inlined_kernel
 def observe_release(
-    view: NumbersOf, width: int, solver: Solver, problem: Problem, taken: bool,
+    view: NumbersOf, width: int, solver: Solver, problem: Problem, method: Method, taken: bool,
     observer: Release, status: FloatArray,
 ) -> None:  # fmt: skip
     """Look for turning points in a step that the lanes in `taken` have taken."""
     release, rods, state = view(observer), _rods_of(problem.chain), view(status)
-    prepare_dense(solver, problem)
+    prepare_dense(solver, problem, method)
     first = any_of(taken & (solver.clock[0] == 0.0))
     for part in range(0 if first else 1, _SUBINTERVALS + 1):  # 0: the start itself
         begun = taken & (solver.clock[0] <= (0.0 if part == 0 else math.inf))

@@ -20,6 +20,7 @@ from npend_gym.compiled.jit import (
 from npend_gym.compiled.packs import WIDTH, any_of
 from npend_gym.physics.kernels.driven import Driven, Kept, Sampled, Torque, driven_accelerations
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, copy
+from npend_gym.physics.kernels.pairs import Pair, pair
 
 # Rows of the work space: accelerations of K_1..K_4; velocities of K_2..K_4, which are their q';
 # coordinates of the stage; then the rows of `accelerations`
@@ -31,9 +32,10 @@ RK4_ROWS = WORK + WORK_ROWS
 ALPHA, OMEGA, STAGE_ROWS = WORK_ROWS + 1, WORK_ROWS + 2, WORK_ROWS + 3
 TAPE_ROWS = 4 * STAGE_ROWS + 1
 
-TABLEAU = np.diag([0.5, 0.5, 1.0], -1)  # as `sensitivities` has the method
-WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
-INSTANTS = np.array([0.0, 0.5, 0.5, 1.0])
+# As its derivatives need it: without an estimate of the error
+RK4: Pair = pair(
+    np.diag([0.5, 0.5, 1.0], -1), np.array([1.0, 2.0, 2.0, 1.0]) / 6.0, [0.0, 0.5, 0.5, 1.0], [], 4
+)
 
 
 def new_rk4_scratch(n: int, width: int = 1) -> FloatArray:

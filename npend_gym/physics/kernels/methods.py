@@ -1,0 +1,40 @@
+"""The methods that take the steps of a motion, by name; what each kind of them does.
+
+A method is the value of its coefficients. Its type chooses, when a kernel is compiled, the
+functions that take a step and fit the polynomial between its ends.
+"""
+
+from __future__ import annotations
+
+from npend_gym.compiled.jit import chosen_by_type
+from npend_gym.physics.kernels import pairs
+from npend_gym.physics.kernels.dop853 import DOP853
+from npend_gym.physics.kernels.pairs import Pair
+from npend_gym.physics.kernels.rk4 import RK4
+from npend_gym.physics.kernels.solver import Problem, Solver
+from npend_gym.physics.kernels.tsit5 import TSIT5
+
+Method = Pair
+METHODS: dict[str, Method] = {"dop853": DOP853, "tsit5": TSIT5, "rk4": RK4}
+
+
+@chosen_by_type("method", {Pair: pairs.start})
+def start(solver: Solver, problem: Problem, method: Method, rest: float, longest: float) -> None:
+    """Begin an integration that lasts `rest`, in steps not longer than `longest` [s]."""
+    raise NotImplementedError
+
+
+@chosen_by_type("method", {Pair: pairs.attempt})
+def attempt(solver: Solver, t_end: float, problem: Problem, method: Method) -> float:
+    """Try one step, not beyond `t_end`. Where the error is small enough, take it.
+
+    Return 1.0 where it was taken, 0.0 where a smaller one is to be tried, -1.0 where no step is
+    small enough.
+    """
+    raise NotImplementedError
+
+
+@chosen_by_type("method", {Pair: pairs.prepare_dense})
+def prepare_dense(solver: Solver, problem: Problem, method: Method) -> None:
+    """Fit the polynomial of dense output to the last step."""
+    raise NotImplementedError
