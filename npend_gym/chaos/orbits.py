@@ -20,8 +20,9 @@ from npend_gym.chaos.continuation import (
     between,
     family,
 )
-from npend_gym.chaos.variations import loses_energy, record
+from npend_gym.chaos.variations import record
 from npend_gym.physics import Trajectory, accelerations, mass_matrix, simulate
+from npend_gym.physics.arguments import loses_energy
 
 MAX_RODS = 100
 _NEUTRAL = 1e-4  # how far from 1 the size of a multiplier of a stable orbit may be, by rounding

@@ -13,8 +13,9 @@ from scipy.linalg import qr, solve
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
-from npend_gym.chaos.variations import loses_energy, motion_of, record
+from npend_gym.chaos.variations import motion_of, record
 from npend_gym.physics import mass_matrix, momentum_jacobian
+from npend_gym.physics.arguments import loses_energy
 from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.sensitivities import carry
 from npend_gym.physics.signals import TimeVarying

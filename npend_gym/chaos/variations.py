@@ -130,12 +130,6 @@ def motion_of(
     return motion
 
 
-def loses_energy(chain: Chain) -> bool:
-    """Return whether damping, drag or dry friction takes energy from the chain."""
-    resists = np.any(chain.damping) or np.any(chain.friction) or np.any(chain.axial_damping)
-    return chain.has_drag or bool(resists) or (chain.base is not None and chain.base.damping > 0.0)
-
-
 def count_parts(chain: Chain, duration: float, step: float, name: str = "duration") -> int:
     """Return how many steps a duration [s] has, of `step` radians of the fastest mode.
 

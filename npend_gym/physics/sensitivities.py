@@ -18,18 +18,18 @@ from npend_gym.physics.directions import (
     check_directions,
     check_names,
     row_count,
-    with_features,
 )
-from npend_gym.physics.kernels.driven import AFTER_TORQUES, Sampled, Torque
-from npend_gym.physics.kernels.dynamics import AnyArrays
-from npend_gym.physics.kernels.tape import Rods, Steps, carry_back, carry_changes, new_scratch
-from npend_gym.physics.motion import Motion, TakenSteps
+from npend_gym.physics.kernels.driven import AFTER_TORQUES
+from npend_gym.physics.kernels.methods import carrier
+from npend_gym.physics.kernels.pairs import Pair
+from npend_gym.physics.kernels.tape import Rods, carry_back, new_scratch
+from npend_gym.physics.motion import Motion
 from npend_gym.physics.substeps import LONGEST_PHASE, rate_at_rest
+from npend_gym.physics.tapes import AT_A_TIME, Tape, arrays_for, tapes
 from npend_gym.physics.trajectory import Trajectory
 
 _WORK = 10_000_000  # of one call, in stages times rods times changes: Ctrl-C is heard after it
 _MAX_BYTES = 2**33  # of the derivatives at all times, or of the states that a gradient keeps
-_AT_A_TIME = 256  # steps
 
 
 class Sensitivities(NamedTuple):
@@ -52,60 +52,6 @@ class MotionGradient(NamedTuple):
     by_parameters: dict[str, FloatArray]  # (n,) each; () for gravity
 
 
-class Tape(NamedTuple):
-    """Some steps of a motion, for kernels that differentiate them."""
-
-    steps: Steps
-    loads: FloatArray  # (S or 1, stages or 1, loads)
-    frames: slice  # which of the instants lie in them
-    end: float  # s
-    after: FloatArray  # the state at the end of the last of them, (2m,)
-
-
-def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterator[Tape]:
-    """Integrate a motion from ``times[0]`` on, and yield its steps in pieces.
-
-    They have the bits of those that `simulate` takes from the same start with the same settings.
-    """
-    method = motion.method
-    end_weights = method.tableau[method.stages].copy()
-    ends = times if motion.stops else times[[0, -1]]  # what lies between changes no steps
-    for segment in motion.segments(ends, kept=True, dense=False, most=steps):
-        (taken,) = segment.steps
-        if not taken.begin.size:
-            continue
-        begin, end, length = taken.begin, taken.end, taken.end - taken.begin
-        first, last = np.searchsorted(times, [begin[0], end[-1]], side="right")
-        instants = times[first:last]
-        at = np.searchsorted(end, instants)
-        within, stages = instants < end[at], np.full(len(begin), method.stages)
-        weights = np.tile(end_weights, (at.size, 1))
-        if within.any():
-            inside = at[within]
-            fraction = (instants[within] - begin[inside]) / length[inside]
-            weights[within] = method.weights(fraction)
-            stages[inside] = len(method.tableau)
-        kernel_steps = Steps(
-            taken.states.copy(), length, method.tableau, stages, end_weights, at, weights
-        )
-        loads = _loads(motion, segment.torque, taken, method.instants[: stages.max()])
-        span = slice(int(first), int(last))
-        yield Tape(kernel_steps, loads, span, float(end[-1]), segment.after)
-
-
-def _loads(motion: Motion, torque: Torque, taken: TakenSteps, instants: FloatArray) -> FloatArray:
-    """Loads at each stage of each step, (S or 1, stages or 1, loads)."""
-    drives = motion.drives
-    if isinstance(torque, np.ndarray):
-        return torque.copy()[None, None]
-    times = taken.begin[:, None] + (taken.end - taken.begin)[:, None] * instants
-    if isinstance(torque, Sampled):
-        return torque.line[0] + (times - torque.begin)[..., None] * torque.line[1]
-    states = np.repeat(taken.states, instants.size, axis=0)
-    q, u = np.split(states, 2, axis=1)
-    return drives.at(times.ravel(), q, u, alone=True).reshape(*times.shape, -1)
-
-
 def carry(
     motion: Motion,
     times: FloatArray,
@@ -113,7 +59,7 @@ def carry(
     loads: FloatArray | None = None,
     parameters: FloatArray | None = None,
     *,
-    steps: int = _AT_A_TIME,
+    steps: int = AT_A_TIME,
     names: Collection[str] = (),
 ) -> Iterator[tuple[slice, FloatArray, Tape]]:
     """Carry D small changes along a motion, exactly through at most `steps` steps at a time.
@@ -126,22 +72,16 @@ def carry(
     (count, size), n = states.shape, motion.mechanism.n
     loads = np.zeros((count, n + AFTER_TORQUES)) if loads is None else loads
     parameters = np.zeros((count, 0, n)) if parameters is None else parameters
-    stages = len(motion.method.tableau)
+    stages = len(motion.method.instants)
     at_a_time = max(1, min(steps, 2 * _WORK // (stages * size * max(1, count))))
-    scratch, chain = new_scratch(stages, size // 2), arrays_for(motion, names)
+    carry_changes, chain = carrier(motion.method, size // 2), arrays_for(motion, names)
     mass = motion.mechanism.parameters.masses[0].copy()
     for tape in tapes(motion, times, at_a_time):
         frames = np.empty((tape.steps.at.size, count, size))
         rods = Rods(chain, mass, tape.loads)
-        carry_changes(tape.steps, rods, states, loads, parameters, frames, scratch)
+        carry_changes(tape.steps, rods, states, loads, parameters, frames)
         _check_finite(states, tape.end)
         yield tape.frames, frames, tape
-
-
-def arrays_for(motion: Motion, names: Collection[str]) -> AnyArrays:
-    """Return the chain of a motion for kernels that differentiate by the named parameters."""
-    own = with_features(motion.mechanism.parameters, names)
-    return motion.mechanism._replace(parameters=own).arrays()
 
 
 def sensitivities(
@@ -256,10 +196,46 @@ def gradient(
         width = m if values.ndim == 2 and values.shape[1] == m else n
         shape = (trajectory.times.size, width)
         bars[:, first : first + width] = _checks.broadcast(name, values, shape)
-    scratch = new_scratch(len(motion.method.tableau), m)
-    mass = motion.mechanism.parameters.masses[0].copy()
     bar, load_bar = np.zeros(2 * m), np.zeros((1, 1, n + AFTER_TORQUES))
     chain_bar = np.zeros((row_count(type(chain)) if names else 0, n))
+    go_back = _returned if isinstance(motion.method, Pair) else _contracted
+    reached = go_back(motion, trajectory, bars, (bar, load_bar, chain_bar), names)
+    check_same(state if reached is None else reached, trajectory)
+    bar += bars[0]
+    by_parameters = by_names(chain_bar[None], names, _ends(motion))
+    rows = {name: value[0] for name, value in by_parameters.items()}
+    loads = load_bar[0, 0, check_inputs(trajectory.chain, range(n))]
+    return MotionGradient(bar[:m].copy(), bar[m:].copy(), loads, rows)
+
+
+_Sums = tuple[FloatArray, FloatArray, FloatArray]  # by the state, the loads and the parameters
+
+
+def _contracted(
+    motion: Motion, trajectory: Trajectory, bars: FloatArray, sums: _Sums, names: Sequence[str]
+) -> FloatArray | None:
+    """Do as `_returned` by all derivatives forward, which takes O(n) as many operations."""
+    sizes = [each.size for each in sums]
+    unit, count, reached = np.eye(sum(sizes)), sum(sizes), None
+    states, loads, changed = np.split(unit, np.cumsum(sizes)[:2], axis=1)
+    changed = np.ascontiguousarray(changed).reshape(count, *sums[2].shape)
+    total = np.zeros(count)
+    carried = carry(motion, trajectory.times, states.copy(), loads.copy(), changed, names=names)
+    for where, frames, tape in carried:
+        total += np.einsum("fds,fs->d", frames, bars[where])
+        reached = tape.after
+    for each, part in zip(sums, np.split(total, np.cumsum(sizes)[:2]), strict=True):
+        each[:] = part.reshape(each.shape)
+    return reached
+
+
+def _returned(
+    motion: Motion, trajectory: Trajectory, bars: FloatArray, sums: _Sums, names: Sequence[str]
+) -> FloatArray | None:
+    """Take derivatives by the states back to the start, and return the state at the end."""
+    bar, load_bar, chain_bar = sums
+    chain, mass = arrays_for(motion, names), motion.mechanism.parameters.masses[0].copy()
+    scratch = new_scratch(len(motion.method.tableau), bar.size // 2)
     kept, held = list[Tape](), 0
     for tape in tapes(motion, trajectory.times):
         _check_rest(trajectory.chain, motion, tape)
@@ -270,17 +246,13 @@ def gradient(
                 f"the states at the beginning of all steps must take at most {_MAX_BYTES:.2g} "
                 "bytes: simulate the motion in segments"
             )
-    check_same(kept[-1].after if kept else state, trajectory)
+    reached = kept[-1].after if kept else None
     while kept:
         tape = kept.pop()
         rods = Rods(chain, mass, tape.loads)
         carry_back(tape.steps, rods, bar, load_bar, chain_bar, bars[tape.frames], scratch)
         _check_finite(bar, float(trajectory.times[-1]))
-    bar += bars[0]
-    by_parameters = by_names(chain_bar[None], names, _ends(motion))
-    rows = {name: value[0] for name, value in by_parameters.items()}
-    loads = load_bar[0, 0, check_inputs(trajectory.chain, range(n))]
-    return MotionGradient(bar[:m].copy(), bar[m:].copy(), loads, rows)
+    return reached
 
 
 def _ends(motion: Motion) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.callbacks import Callback
-from npend_gym.physics.arguments import check_limits, check_states, check_torque
+from npend_gym.physics.arguments import check_limits, check_method, check_states, check_torque
 from npend_gym.physics.equations import States, assembled, slow_start
 from npend_gym.physics.functions import NAMES
 from npend_gym.physics.mechanism import check_lengths, mechanism_of
@@ -62,6 +62,7 @@ class Start:
         settings: dict[str, float], method: str = "dop853", *, one: bool,
     ) -> None:  # fmt: skip
         self.chains: tuple[Chain, ...] = chains
+        check_method(method, chains, drives["pivot_acceleration"])
         first = chains[0]
         self._begin = float(times[0])
         self._settings = settings

@@ -44,7 +44,13 @@ class Kept(NamedTuple):
     loads: FloatArray
 
 
-Torque = FloatArray | Driven | Sampled | Kept
+class Listed(NamedTuple):
+    """What acts at each stage of a step, or at all of them."""
+
+    rows: FloatArray  # (stages or 1, n or more)
+
+
+Torque = FloatArray | Driven | Sampled | Kept | Listed
 
 
 @inlined_kernel
@@ -73,10 +79,9 @@ def _steady(
 
 
 @inlined_kernel
-def _by_function(
-    t: float, q: FloatArray, u: FloatArray, torque: Driven, chain: AnyArrays, work: FloatArray,
-    alpha: FloatArray,
-) -> Any:  # fmt: skip
+def _loads_by_function(
+    t: float, q: FloatArray, u: FloatArray, torque: Driven, chain: AnyArrays, s: int
+) -> FloatArray:
     values, loads = torque.values, torque.loads
     n = values.size - AFTER_TORQUES
     call_function(torque.function, t, q, u, values, q.size, n)
@@ -92,7 +97,29 @@ def _by_function(
     for i in range(loads.size):
         loads[i] = values[i]
     accelerate_base(chain, values[n + ACROSS], values[n + UP])
+    return loads
+
+
+@inlined_kernel
+def _by_function(
+    t: float, q: FloatArray, u: FloatArray, torque: Driven, chain: AnyArrays, work: FloatArray,
+    alpha: FloatArray,
+) -> Any:  # fmt: skip
+    loads = _loads_by_function(t, q, u, torque, chain, 0)
     return accelerations(q, u, loads, chain, work, alpha)
+
+
+@inlined_kernel
+def _loads_along_line(
+    t: float, q: FloatArray, u: FloatArray, torque: Sampled, chain: AnyArrays, s: int
+) -> FloatArray:
+    line, loads = torque.line, torque.loads
+    n, since = line.shape[1] - AFTER_TORQUES, t - torque.begin
+    for i in range(loads.size):
+        loads[i] = line[0, i] + since * line[1, i]
+    across, up = line[0, n + ACROSS], line[0, n + UP]
+    accelerate_base(chain, across + since * line[1, n + ACROSS], up + since * line[1, n + UP])
+    return loads
 
 
 @inlined_kernel
@@ -100,13 +127,38 @@ def _along_line(
     t: float, q: FloatArray, u: FloatArray, torque: Sampled, chain: AnyArrays, work: FloatArray,
     alpha: FloatArray,
 ) -> Any:  # fmt: skip
-    line, loads = torque.line, torque.loads
-    n, since = line.shape[1] - AFTER_TORQUES, t - torque.begin
-    for i in range(loads.size):
-        loads[i] = line[0, i] + since * line[1, i]
-    across, up = line[0, n + ACROSS], line[0, n + UP]
-    accelerate_base(chain, across + since * line[1, n + ACROSS], up + since * line[1, n + UP])
+    loads = _loads_along_line(t, q, u, torque, chain, 0)
     return accelerations(q, u, loads, chain, work, alpha)
+
+
+@inlined_kernel
+def _steady_loads(
+    t: float, q: FloatArray, u: FloatArray, torque: FloatArray, chain: AnyArrays, s: int
+) -> FloatArray:
+    return torque
+
+
+@inlined_kernel
+def _listed_loads(
+    t: float, q: FloatArray, u: FloatArray, torque: Listed, chain: AnyArrays, s: int
+) -> FloatArray:
+    return torque.rows[min(s, torque.rows.shape[0] - 1)]
+
+
+@chosen_by_type(
+    "torque",
+    {
+        0: _steady_loads,
+        Driven: _loads_by_function,
+        Sampled: _loads_along_line,
+        Listed: _listed_loads,
+    },
+)
+def loads_at(
+    t: float, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays, s: int
+) -> FloatArray:
+    """Return what acts at the instant `t`, which is that of stage `s` of a step."""
+    raise NotImplementedError
 
 
 @inlined_kernel

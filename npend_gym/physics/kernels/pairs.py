@@ -37,10 +37,17 @@ class Pair(NamedTuple):
     stages: int
     exponent: float  # a step shrinks with this root of the error; a multiple of 2^-8
 
+    conservative = False  # for chains of any kind
+
     @property
     def adaptive(self) -> bool:
         """Whether steps follow from tolerances, and not from their length."""
         return self.errors.size > 0
+
+    @property
+    def end(self) -> FloatArray:
+        """Weights of the rows at the end of a step."""
+        return self.tableau[self.stages].copy()
 
     @property
     def rows(self) -> tuple[int, int, int]:
