@@ -434,6 +434,24 @@ def both(lanes=LANES, **keywords):
     assert shown[0] in env.observation_space and vector[0] in envs.observation_space
     return env, stepped, many
 
+def tensors_like_arrays(lanes, **keywords):
+    torch = pytest.importorskip("torch")
+    from npend_gym.torch import DifferentiableVectorEnv
+
+    envs, ours = (
+        kind(lanes, n=2, **keywords) for kind in (NPendulumVectorEnv, DifferentiableVectorEnv)
+    )
+    assert np.allclose(ours.reset(seed=3)[0], envs.reset(seed=3)[0], atol=1e-6)
+    theta, omega = (x.clone().requires_grad_() for x in ours.state)
+    ours.state = theta, omega
+    actions = np.full((lanes, 1), 0.5)
+    shown, *_, info = ours.step(torch.from_numpy(actions))
+    assert np.allclose(shown.detach(), envs.step(actions)[0], atol=1e-6)
+    assert not np.allclose(shown[:, :2].detach(), info["theta"].detach(), atol=0.05)
+    gradients = [torch.autograd.grad(x.sum(), (theta, omega), retain_graph=True)
+                 for x in (shown[:, :2], info["theta"])]
+    assert all(torch.equal(*pair) and pair[0].any() for pair in zip(*gradients))
+
 # the keyword
 env, (observation, *_, info), _ = both(angle_offset=0.25)
 assert np.allclose(observation[:2], info["theta"] + 0.25, atol=1e-6)
@@ -447,6 +465,9 @@ assert 0.1 < info["context"][0] == many[4]["context"][0, 0] < 0.2
 for wrong in (-1.0, float("nan")):
     with pytest.raises(ValueError, match="angle_offset must be"):
         EnvConfig(angle_offset=wrong)
+drawn = {"angle_offset": {"low": 0.1, "high": 0.2}}
+for keywords in ({"angle_offset": 0.25}, {"randomize": drawn}) if LANES > 1 else ():
+    tensors_like_arrays(LANES, **keywords)
 
 # the key of the info
 env, (*_, info), many = both()
@@ -466,6 +487,20 @@ assert both(mode="level", reward_type="sparse")[1][1] == float(abs(tip) < 0.1)
 """
 
 
+UNREAD = """
+import pytest
+from npend_gym import NPendulumVectorEnv
+from npend_gym.torch import DifferentiableVectorEnv
+
+NPendulumVectorEnv(1, angle_offset=0.1)
+DifferentiableVectorEnv(1, angle_offset=0.0)
+drawn = {"angle_offset": {"low": 0.0, "high": 0.1}}
+for keywords in ({"angle_offset": 0.1}, {"randomize": drawn}):
+    with pytest.raises(ValueError, match="angle_offset must be left out .* of tensors"):
+        DifferentiableVectorEnv(1, **keywords)
+"""
+
+
 def applied(diff, package):
     """Apply one block of CONTRIBUTING to a copy of the package."""
     name, *lines = diff.strip("\n").split("\n")
@@ -475,20 +510,33 @@ def applied(diff, package):
     (package / name).write_text(text.replace(old, new), encoding="utf-8")
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("compiled", [False, True], ids=["Python", "compiled"])
-def test_the_changes_that_contributing_describes_give_what_it_says(tmp_path, compiled):
+def run_changed(script, folder, *, compiled, leave_out=()):
+    """Run a script with a copy of the package that has the changes of CONTRIBUTING."""
     shutil.copytree(
-        ROOT / "npend_gym", tmp_path / "npend_gym", ignore=shutil.ignore_patterns("__pycache__")
+        ROOT / "npend_gym", folder / "npend_gym", ignore=shutil.ignore_patterns("__pycache__")
     )
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```diff\n(.*?)```", text, re.DOTALL)
     assert len(blocks) == 6
     for block in blocks:
-        applied(block, tmp_path)
+        if not block.strip().startswith(leave_out):
+            applied(block, folder)
     environment = os.environ | {
-        "PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "0" if compiled else "1",
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": "0" if compiled else "1",
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
     }  # fmt: skip
+    run_python("-c", script, env=environment, cwd=folder)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("compiled", [False, True], ids=["Python", "compiled"])
+def test_the_changes_that_contributing_describes_give_what_it_says(tmp_path, compiled):
     script = WALKED.replace("LANES", "20" if compiled else "1")  # packs need a compiler
-    run_python("-c", script, env=environment, cwd=tmp_path)
+    run_changed(script, tmp_path, compiled=compiled)
+
+
+@pytest.mark.long
+def test_an_environment_of_tensors_refuses_a_setting_that_no_law_reads(tmp_path):
+    pytest.importorskip("torch")
+    left_out = "npend_gym/envs/sensors.py"
+    run_changed(UNREAD, tmp_path, compiled=False, leave_out=left_out)

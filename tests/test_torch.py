@@ -149,6 +149,20 @@ def test_episodes_are_those_of_the_native_environment(task, autoreset):
     ours.close()
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_observed_angles_stay_within_pi_in_float32_and_keep_their_gradient(dtype):
+    env = DifferentiableVectorEnv(3, n=1, dtype=dtype, mode="passive", dt=1e-9)
+    env.reset(seed=0)
+    below = math.pi - np.array([[1e-9], [5e-8], [1e-6]])
+    angles = torch.from_numpy(below).requires_grad_()
+    env.state = angles, torch.zeros_like(angles)
+    observation = env.step(torch.zeros(3, dtype=torch.int64))[0]
+    assert (observation[:, 0].detach().double().abs() < math.pi + 1e-6).all()
+    assert (observation[:, 0].float() < np.pi).all()  # as float32, pi is more than pi
+    observation[:, 0].sum().backward()
+    np.testing.assert_allclose(angles.grad, 1.0, rtol=1e-6)
+
+
 def test_what_diverges_is_named_with_its_step():
     env = DifferentiableVectorEnv(3, n=1, max_torque=1e13, dt=1.0, substeps=1)
     with pytest.raises(ResetNeeded):
@@ -407,6 +421,9 @@ def test_where_all_lanes_begin_a_new_graph_begins_too(task, autoreset):
 def test_what_tensors_cannot_be_is_refused_by_the_environment():
     with pytest.raises(ValueError, match="randomize must leave cart_mass out"):
         DifferentiableVectorEnv(2, base="cart", randomize={"cart_mass": (0.5, 1.5)})
+    for unknown in ({"render_size": 64}, {"render_plain": True}, {"measure_periods": True}):
+        with pytest.raises(ValueError, match=f"{min(unknown)} must be left out .* of tensors"):
+            DifferentiableVectorEnv(2, **unknown)
     with pytest.raises(ValueError, match="device must be one of cpu, cuda; got 'foo'"):
         DifferentiableVectorEnv(2, device="foo")
     pytest.importorskip("torchrl")

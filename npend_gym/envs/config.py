@@ -34,7 +34,16 @@ from npend_gym.envs.keywords import (
 from npend_gym.envs.modes import Mode, find_mode
 from npend_gym.envs.randomization import SETTINGS, Randomization, check_randomize
 from npend_gym.envs.rows import ANGLES, MAX_CART_ENTRY, SINCOS, Task
-from npend_gym.envs.settings import FIELDS, HARDWARE, OF_CART, OF_SENSORS, RULES, Limit, Settings
+from npend_gym.envs.settings import (
+    ERRORS_OF_MOTORS,
+    FIELDS,
+    HARDWARE,
+    OF_CART,
+    OF_SENSORS,
+    RULES,
+    Limit,
+    Settings,
+)
 from npend_gym.physics.energy import sincos
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import (
@@ -46,7 +55,6 @@ from npend_gym.physics.substeps import (
 )
 
 MAX_SCALED_SPEED = 2.0  # of the observation "scaled", whose faster rods are clipped
-ERRORS_OF_MOTORS = ("action_delay", "motor_lag", "torque_noise", "torque_ripple")
 _OF_TORQUES = ("torque_noise", "torque_ripple")  # which the force on a cart has not
 
 
@@ -273,8 +281,10 @@ def make_config(env: type, keywords: EnvKeywords) -> EnvConfig:
     return EnvConfig(**keywords)
 
 
-def task_numbers(config: EnvConfig, judge: int, max_steps: int | None) -> FloatArray:
-    """Return the entries of `rows.Task`; `judge` is the number of a built-in mode, 0 of others."""
+def task_numbers(
+    config: EnvConfig, judge: int = 0, max_steps: int | None = None, **flags: bool
+) -> FloatArray:
+    """Entries of `rows.Task`; `judge` is the number of a built-in mode, 0 of others."""
     task = {
         "MODE": judge,
         "MAX_STEPS": math.inf if max_steps is None else max_steps,
@@ -288,8 +298,8 @@ def task_numbers(config: EnvConfig, judge: int, max_steps: int | None) -> FloatA
         "PER_CART_SPEED": config.cart_speed_factor,
         "VELOCITIES": config.observe_velocities,
         "UPRIGHTNESS": config.least_uprightness,
-    }
-    return np.array([task[name] for name in Task._fields], np.float64)
+    } | flags
+    return np.array([task.get(name, 0.0) for name in Task._fields], np.float64)
 
 
 def _check_seconds(name: str, seconds: float, chain: Chain) -> None:

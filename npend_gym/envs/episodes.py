@@ -19,12 +19,13 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig, task_numbers
 from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
-from npend_gym.envs.kernels import step_many, step_one
-from npend_gym.envs.modes import Mode, Quantities, leans, left_rail, rail_factor
+from npend_gym.envs.kernels import ruled, step_many, step_one
+from npend_gym.envs.laws import of_kind
+from npend_gym.envs.modes import Mode, Quantities
 from npend_gym.envs.outputs import EpisodeStarts, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import LaneNumbers, Seeds
-from npend_gym.envs.settings import HARDWARE, OF_LANES
+from npend_gym.envs.settings import OF_LANES
 from npend_gym.envs.snapshots import Snapshots, States
 from npend_gym.envs.starts import (
     CHOSEN,
@@ -41,6 +42,7 @@ from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.memory import Memory, Plan
 
 STATE = Rod.THETA, Rod.OMEGA
+_ruled = of_kind(ruled)
 # What NumPy, Python and PyTorch say where an array is taken for one number
 _OF_ARRAYS = "is ambiguous", "Python scalar", "to a scalar"
 
@@ -97,7 +99,6 @@ class Episodes:
         self._context = np.zeros((lanes, len(random.names)))
         self._start = start_plan(config.mode, config.spread)
         self._judge = NUMBER_OF.get(type(config.mode), 0)
-        self._task = task_numbers(config, self._judge, max_steps)
         self._wiring = np.zeros((len(Wiring), n + 1))
         self._wiring[Wiring.JOINT, : joints.size] = joints
         self._wiring[Wiring.PER_SPEED, :n] = 1.0 / config.speed_scale
@@ -105,16 +106,19 @@ class Episodes:
         self._drawing = self.seeds.keys, nominal, random.draws, self._context, nominal.copy()
         self._beginning = n, self.seeds.keys, self._start, self._actions
         timing = config.dt, config.min_substeps, config.max_rotation
-        self._stepping, self._looking = (
-            self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
-        )  # fmt: skip
-        self._commands = self._actions  # what the step kernel turns into torques
         self.motors: Motors | None
         self.sensors: Sensors | None
         self.motors, self.sensors = fit_hardware(config, self._memory)
-        if self.motors is not None:
-            self._stepping = self.motors.plan
-            self._commands = self.motors.no_actions
+        self._task, observing = (
+            task_numbers(
+                config, self._judge, max_steps, OBSERVES=observes,
+                DRIVEN=self.motors is not None, SENSED=self.sensors is not None,
+            )
+            for observes in (False, True)
+        )  # fmt: skip
+        stepping = self.motors.plan if self.motors is not None else self._memory.plan(*timing)
+        self._stepping = stepping, self._task
+        self._looking = self._memory.plan(0.0, 0, math.inf), observing
         self.snapshots: Snapshots = Snapshots(
             config, self._memory, self.seeds.keys, self._kept_arrays
         )
@@ -262,9 +266,8 @@ class Episodes:
         limits = np.tile(members[Setting.max_torque], (config.joints.size, 1)).T
         limits[:, config.joints == config.n] = members[Setting.max_force][:, None]
         goals = self._memory.read(Pose.GOAL) if config.mode.has_goals else np.zeros((count, 0))
-        settings = {name: members[getattr(Setting, name)].copy() for name in HARDWARE}
         chains, context = self._memory.parameters, self._context[:count].copy()
-        return EpisodeStarts(self.angles, chains, limits, goals, context, settings)
+        return EpisodeStarts(self.angles, chains, limits, goals, context, members[:, :count].copy())
 
     @property
     def angles(self) -> FloatArray:
@@ -297,7 +300,7 @@ class Episodes:
         else:
             members[Episode.OBSERVED] = 1.0
             self.outputs.renew()
-        self._run(self._looking)
+        self._run(*self._looking)
         if self._judge == 0:
             self._judge_by_python(observes=True)
 
@@ -318,19 +321,18 @@ class Episodes:
         self.outputs.renew()
         if self.motors is not None:
             self.motors.drive(self.seeds.keys, self._actions)
-        self._run(self._stepping)
+        self._run(*self._stepping)
         if self._judge == 0:
             self._judge_by_python(observes=False)
 
-    def _run(self, plan: Plan) -> None:
+    def _run(self, plan: Plan, task: FloatArray) -> None:
         """Call the step kernel, and then the sensors."""
         outputs, sensors = self.outputs, self.sensors
-        shown = outputs.observations if sensors is None else sensors.no_observation
-        written = shown, outputs.rows, outputs.flags
-        arrays = self._memory.record, self._commands, *written, self._task, self._wiring
+        written = outputs.observations, outputs.rows, outputs.flags
+        arrays = self._memory.record, self._actions, *written, task, self._wiring
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
-            sensors.observe(self.seeds.keys, outputs.observations, self._task, self._wiring, plan)
+            sensors.observe(self.seeds.keys, outputs.observations, task, self._wiring, plan)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
@@ -339,25 +341,23 @@ class Episodes:
         quantities = results.quantities(of_only_lane=self.is_single)
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
-        left = left_rail(quantities.rail_position)
-        down = leans(quantities.uprightness, self._task[Task.UPRIGHTNESS])
-        failed = self._returned_by("failed", quantities) | down
-        achieved = self._returned_by("achieved", quantities) & np.logical_not(left | down)
+        own = [self._returned_by(method, quantities) for method in ("failed", "achieved")]
+        needs_reward = not observes and self.config.reward_type != "sparse"
+        reward = self._returned_by("reward", quantities) if needs_reward else np.zeros(())
+        place, upright = quantities.rail_position, quantities.uprightness
+        reward, failed, achieved = _ruled(self._task, place, upright, reward, *own)
         held[judged] *= np.broadcast_to(achieved, (self.count,))[judged]
         flags[Flag.SUCCESS] = held > self._task[Task.HOLD_STEPS]
         if not observes:
-            is_sparse = self.config.reward_type == "sparse"
-            reward = achieved if is_sparse else self._returned_by("reward", quantities)
-            factor = 1.0 if is_sparse else rail_factor(quantities.rail_position)
             rewards = outputs[Output.REWARD]
-            rewards[:] = np.where(left | starts, 0.0, reward * factor)
+            rewards[:] = np.where(starts, 0.0, reward)
             wrong = np.flatnonzero(~(np.isfinite(rewards) | flags[Flag.DIVERGED]))
             if wrong.size > 0:
                 raise ValueError(
                     f"reward of mode {self.config.mode.name!r} must be finite, "
                     f"got {rewards[wrong[0]]:g} in sub-environment {wrong[0]}"
                 )
-            flags[Flag.TERMINATED] = (failed | left) & ~starts
+            flags[Flag.TERMINATED] = failed & ~starts
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
 
     def _returned_by(self, method: str, quantities: Quantities[Any]) -> NDArray[Any]:

@@ -14,20 +14,18 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys
-from npend_gym.envs.config import ERRORS_OF_MOTORS, EnvConfig
+from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.motors import Command, apply_many, apply_one, draw_disturbances
 from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import draw_sensor_noise, sense_many, sense_one
-from npend_gym.envs.settings import OF_SENSORS
+from npend_gym.envs.settings import ERRORS_OF_MOTORS, OF_PUSHES, OF_SENSORS
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.memory import Memory, Plan
-
-_OF_MOTORS = (*ERRORS_OF_MOTORS, "push_rate")
 
 
 def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
     """Return motors and sensors where they are not ideal, else None."""
-    driven = any(config.largest[name] > 0.0 for name in _OF_MOTORS)
+    driven = any(config.largest[name] > 0.0 for name in (*ERRORS_OF_MOTORS, *OF_PUSHES))
     sensed = any(config.largest[name] > 0.0 for name in OF_SENSORS)
     return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
 
@@ -51,8 +49,6 @@ class Motors:
         self.plan: Plan = memory.plan(*piece)  # of a piece
         kernels = (apply_one, advance_one) if memory.size == 1 else (apply_many, advance_many)
         self._apply, self._advance = kernels
-        # for the step kernel, which then leaves the torques as they are
-        self.no_actions: FloatArray = np.zeros((0, memory.lanes))
         self.noisy: int = count  # motors with noise and ripple, the first ones
         self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
@@ -108,8 +104,6 @@ class Sensors:
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._dt = memory, config.dt
         self._sense = sense_one if memory.size == 1 else sense_many
-        # for the step kernel, which then leaves it to the sensors to observe
-        self.no_observation: NDArray[np.float32] = np.zeros((memory.lanes, 0), np.float32)
         delay = config.largest["observation_delay"]
         size = memory.n + 1 if config.has_cart else memory.n
         self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2, size))

@@ -14,7 +14,8 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
-from npend_gym.envs.modes import Mode, Quantities, leans, left_rail, rail_factor
+from npend_gym.envs.laws import law
+from npend_gym.envs.modes import Mode, Quantities
 from npend_gym.envs.observing import ObsArray, observe, within
 from npend_gym.envs.rows import (
     NUMBER_OF,
@@ -44,9 +45,6 @@ from npend_gym.physics.kernels.layout import (
 from npend_gym.physics.kernels.turning_points import Record
 
 _first_row = inlined_kernel(first_row)
-_leans: Any = spliced_kernel(leans)
-_left_rail: Any = spliced_kernel(left_rail)
-_rail_factor: Any = spliced_kernel(rail_factor)
 
 
 @inlined_kernel
@@ -210,6 +208,27 @@ def _dispatch(modes: Sequence[type[Mode]]) -> Any:
 _judged: Any = _dispatch(list(NUMBER_OF))
 
 
+@law
+def ruled(
+    task: Any, rail_position: Any, uprightness: Any, reward: Any, failed: Any, achieved: Any
+) -> tuple[Any, Any, Any]:
+    """Reward, failure and success of a mode, changed by what holds in all modes.
+
+    An episode terminates off the rail, and with `max_tilt` where a rod leans by more. The reward is
+    halved at the ends of the rail. With `reward_type` "sparse" it is the success.
+    """
+    if task[Task.RAIL] > 0.0:
+        left = abs(rail_position) > 1.0
+        reward = where(left, 0.0, reward * (1.0 - 0.5 * (rail_position * rail_position)))
+        achieved, failed = achieved & (abs(rail_position) <= 1.0), failed | left
+    if task[Task.UPRIGHTNESS] >= -1.0:
+        achieved = achieved & (uprightness >= task[Task.UPRIGHTNESS])
+        failed = failed | (uprightness < task[Task.UPRIGHTNESS])
+    if task[Task.SPARSE] > 0.0:
+        reward = where(achieved, 1.0, 0.0)
+    return reward, failed, achieved
+
+
 @inlined_kernel
 def _judge(
     numbers: FloatArray, g: int, quantities: Quantities[Any], outputs: FloatArray,
@@ -221,17 +240,9 @@ def _judge(
     """
     mode = int(task[Task.MODE])
     reward, failed, achieved = _judged(mode, quantities)
-    if task[Task.RAIL] > 0.0:
-        place = quantities.rail_position
-        left = _left_rail(place)
-        reward = where(left, 0.0, reward * _rail_factor(place))
-        achieved, failed = achieved & (abs(place) <= 1.0), failed | left
-    least = task[Task.UPRIGHTNESS]
-    if least >= -1.0:
-        upright = quantities.uprightness
-        achieved, failed = achieved & (upright >= least), failed | _leans(upright, least)
-    if task[Task.SPARSE] > 0.0:
-        reward = where(achieved, 1.0, 0.0)
+    reward, failed, achieved = ruled(
+        task, quantities.rail_position, quantities.uprightness, reward, failed, achieved
+    )
     starts = numbers[Episode.STARTING, g] > 0.0
     held, steps = numbers[Episode.STEPS_HELD, g], numbers[Episode.STEPS, g]
     if not observes:
@@ -266,7 +277,7 @@ def _step(
 ) -> None:  # fmt: skip
     observation, outputs, flags = written[0], view(written[1]), view(written[2])
     numbers, work = view(members), view(scratch)
-    observes = timing[Timing.SUBSTEPS] == 0.0
+    observes = task[Task.OBSERVES] > 0.0
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         group = group_of(numbers, view(rods), view(model), view(record), g)
         if observes:
@@ -274,14 +285,14 @@ def _step(
                 continue
             bob_velocities(group, work[Scratch.SIN], work[Scratch.COS])
         else:
-            if timing[Timing.FIRST_SUBSTEP] == 0.0 and actions.shape[0] > 0:
+            if timing[Timing.FIRST_SUBSTEP] == 0.0 and task[Task.DRIVEN] == 0.0:
                 _apply_actions(numbers, g, group, view(actions), wiring)
             advance_group(view, width, members, timing, scratch, g, group)
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
             rows = view(rods)[g]
             quantities = _measure(numbers, rows, g, group, work, outputs, flags, task)
             _judge(numbers, g, quantities, outputs, flags, task, observes)
-            if observation.shape[1] > 0:
+            if task[Task.SENSED] == 0.0:
                 theta, omega = rods[g, Rod.THETA], rods[g, Rod.OMEGA]
                 observe(
                     view, width, rods, g, theta, omega, scratch, observation, task,
@@ -317,13 +328,11 @@ def step_many(
     ----------
     members, rods, model, record, timing, scratch
         As for `npend_gym.physics.kernels.advance.advance_many`, `members` with the rows of
-        `Episode`. With 0 substeps nothing moves: the call only observes, in the groups with a lane
-        to be OBSERVED.
+        `Episode`.
     actions : ndarray, shape (joints, lanes)
-        Torque over its limit at each actuated joint; beyond +-1 it is clipped. Without rows the
-        torques stay as they are: `npend_gym.envs.motors` has set them.
+        Torque over its limit at each actuated joint; beyond +-1 it is clipped.
     observation : ndarray, float32, shape (lanes, numbers)
-        Written. Without columns `npend_gym.envs.sensors` writes it afterwards.
+        Written.
     outputs : ndarray, shape (rows, columns of `members`)
         Written; the rows are those of `Output`, then the blocks of `Block`.
     flags : ndarray, bool, shape (len(Flag), sub-environments)

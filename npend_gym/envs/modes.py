@@ -55,21 +55,6 @@ class Quantities(NamedTuple, Generic[_T]):
     """Angular velocities [rad/s], shape (n,) or (B, n)."""
 
 
-def left_rail(rail_position: Any) -> Any:
-    """Return whether the cart is beyond the end of its rail: the episode terminates there."""
-    return abs(rail_position) > 1.0
-
-
-def leans(uprightness: Any, least: float) -> Any:
-    """Return whether a rod leans by more than `max_tilt`, whose cosine is `least`."""
-    return uprightness < least
-
-
-def rail_factor(rail_position: Any) -> Any:
-    """Factor of the reward by the cart's place: 1 in the middle of the rail, 1/2 at its ends."""
-    return 1.0 - 0.5 * (rail_position * rail_position)
-
-
 class Mode:
     """The base of all tasks; derive from it for a task of your own.
 

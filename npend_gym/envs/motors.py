@@ -22,6 +22,7 @@ from npend_gym.compiled.normal import normal_pair
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
+from npend_gym.envs.laws import law
 from npend_gym.envs.observing import wrapped
 from npend_gym.envs.rows import Episode, Setting
 from npend_gym.physics.kernels.layout import Group, Model, Timing, group_of
@@ -67,7 +68,7 @@ def _choose_actions(
         members[Episode.MEAN_SQUARED_ACTION, lane] = squares / max(1, motors)
 
 
-@inlined_kernel
+@law
 def _disturb(
     members: FloatArray, g: int, width: int, dt: float, keys: Keys, motors: int,
     commands: FloatArray,
@@ -99,34 +100,74 @@ def draw_disturbances(
         _disturb(members, lane, 1, dt, keys, motors, commands)
 
 
+@law
+def older_share(numbers: Any, g: Any, piece: int, pieces: int) -> Any:
+    """Part of a piece of the step, from its beginning, in which the older action acts."""
+    delay = numbers[Setting.action_delay, g]
+    whole = (delay + ROUND) - ROUND
+    share = (delay - where(whole > delay, whole - 1.0, whole)) * pieces - piece
+    return where(share > 1.0, 1.0, where(share > 0.0, share, 0.0))
+
+
+@law
+def lag_response(numbers: Any, g: Any, share: Any, h: float) -> tuple[Any, Any, Any]:
+    """`h` seconds over the lag, and how far motors come in the share of them, and in the rest."""
+    lag = numbers[Setting.motor_lag, g]
+    per_lag = h / where(lag > 0.0, lag, 1.0)
+    return per_lag, one_minus_exp(share * per_lag), one_minus_exp((1.0 - share) * per_lag)
+
+
+@law
+def followed(
+    numbers: Any, g: Any, response: tuple[Any, Any, Any], older: Any, newer: Any, lagged: Any,
+    action: Any,
+) -> tuple[Any, Any]:  # fmt: skip
+    """Mean of what a motor follows in a piece, of which `action` is the mean, and its end.
+
+    Exact for lag y' = u - y with the command u older at first, then newer.
+    """
+    lag, (per_lag, first, second) = numbers[Setting.motor_lag, g], response
+    turned = (older - lagged) * first
+    middle = lagged + turned
+    rest = (newer - middle) * second
+    mean = action - (turned + rest) / per_lag
+    return where(lag > 0.0, mean, action), where(lag > 0.0, middle + rest, newer)
+
+
+@law
+def exerted(numbers: Any, g: Any, action: Any, noise: Any) -> Any:
+    """Torque of a motor [N m], without its ripple."""
+    return numbers[Setting.max_torque, g] * action + noise
+
+
+@law
+def exerted_on_cart(numbers: Any, g: Any, action: Any) -> Any:
+    """Force of the motor of a cart [N]."""
+    return numbers[Setting.max_force, g] * action
+
+
+@law
+def ripple(numbers: Any, g: Any, phi: Any) -> Any:
+    """Cogging torque of a motor [N m] at the angle `phi` of its joint [rad]."""
+    sine = sincos(numbers[Setting.ripple_cycles, g] * wrapped(phi))[0]
+    return numbers[Setting.torque_ripple, g] * sine
+
+
 # These three are no part of their caller, where the compiler would compute most of them in advance,
 # needed or not
 
 
 @inner_kernel
 def _follow(
-    numbers: FloatArray, g: int, commands: FloatArray, motors: int, piece: int, pieces: int,
-    h: float,
-) -> None:  # fmt: skip
-    """Replace the actions of a group by the means, over `h` seconds, of what its motors follow.
-
-    Exact for lag y' = u - y with the command u older at first, then newer.
-    """
-    lag, older, newer = (
-        numbers[Setting.motor_lag, g],
-        commands[Command.OLDER],
-        commands[Command.NEWER],
-    )
-    per_lag = h / where(lag > 0.0, lag, 1.0)
-    share = _older_share(numbers, g, piece, pieces)
-    first, second = one_minus_exp(share * per_lag), one_minus_exp((1.0 - share) * per_lag)
+    numbers: FloatArray, g: int, commands: FloatArray, motors: int, share: Any, h: float
+) -> None:
+    """Replace the actions of a group by the means, over `h` seconds, of what its motors follow."""
+    response = lag_response(numbers, g, share, h)
     for j in range(motors):
-        lagged, action = commands[Command.LAGGED, j, g], commands[Command.ACTION, j, g]
-        middle = lagged + (older[j, g] - lagged) * first
-        end = middle + (newer[j, g] - middle) * second
-        come = (older[j, g] - lagged) * first + (newer[j, g] - middle) * second
-        commands[Command.ACTION, j, g] = where(lag > 0.0, action - come / per_lag, action)
-        commands[Command.LAGGED, j, g] = where(lag > 0.0, end, newer[j, g])
+        commands[Command.ACTION, j, g], commands[Command.LAGGED, j, g] = followed(
+            numbers, g, response, commands[Command.OLDER, j, g], commands[Command.NEWER, j, g],
+            commands[Command.LAGGED, j, g], commands[Command.ACTION, j, g],
+        )  # fmt: skip
 
 
 @inner_kernel
@@ -139,8 +180,7 @@ def _add_ripple(numbers: FloatArray, g: int, group: Group, joints: Joints, half:
         phi = group.theta[joint] + half * group.omega[joint]
         if joint > 0:
             phi = phi - (group.theta[joint - 1] + half * group.omega[joint - 1])
-        sine = sincos(numbers[Setting.ripple_cycles, g] * wrapped(phi))[0]
-        group.torque[joint] = group.torque[joint] + numbers[Setting.torque_ripple, g] * sine
+        group.torque[joint] = group.torque[joint] + ripple(numbers, g, phi)
 
 
 @inner_kernel
@@ -156,34 +196,25 @@ def _push_tip(force: Any, group: Group, half: float) -> None:
 
 
 @inlined_kernel
-def _older_share(numbers: FloatArray, g: int, piece: int, pieces: int) -> Any:
-    """Return for which part of a piece the older action acts, from its beginning."""
-    delay = numbers[Setting.action_delay, g]
-    whole = (delay + ROUND) - ROUND
-    share = (delay - where(whole > delay, whole - 1.0, whole)) * pieces - piece
-    return where(share > 1.0, 1.0, where(share > 0.0, share, 0.0))
-
-
-@inlined_kernel
 def _drive(
     numbers: FloatArray, g: int, group: Group, joints: Joints, noisy: int, commands: FloatArray,
     piece: int, pieces: int, h: float,
 ) -> None:  # fmt: skip
     """Set the torques of a group in one of the equal pieces of the step, of `h` seconds."""
-    share, action = _older_share(numbers, g, piece, pieces), commands[Command.ACTION]
+    share, action = older_share(numbers, g, piece, pieces), commands[Command.ACTION]
     older, newer = commands[Command.OLDER], commands[Command.NEWER]
     for j in range(joints.size):
         action[j, g] = share * older[j, g] + (1.0 - share) * newer[j, g]
     if any_of(numbers[Setting.motor_lag, g] > 0.0):
-        _follow(numbers, g, commands, joints.size, piece, pieces, h)
+        _follow(numbers, g, commands, joints.size, share, h)
     for i in range(group.torque.size):
         group.torque[i] = 0.0
     for j in range(joints.size):
         if joints[j] == group.velocity.size:  # the force on a cart
-            group.torque[joints[j]] = numbers[Setting.max_force, g] * action[j, g]
+            group.torque[joints[j]] = exerted_on_cart(numbers, g, action[j, g])
         else:
-            torque = numbers[Setting.max_torque, g] * action[j, g] + commands[Command.NOISE, j, g]
-            group.torque[joints[j]] = torque
+            noise = commands[Command.NOISE, j, g]
+            group.torque[joints[j]] = exerted(numbers, g, action[j, g], noise)
     if any_of(numbers[Setting.torque_ripple, g] > 0.0):
         _add_ripple(numbers, g, group, joints[:noisy], 0.5 * h)
     for j in range(joints.size):

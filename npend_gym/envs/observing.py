@@ -13,18 +13,18 @@ from npend_gym.compiled.arrays import NumbersOf
 from npend_gym.compiled.jit import inlined_kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import ROUND
+from npend_gym.envs.laws import law
 from npend_gym.envs.rows import MAX_CART_ENTRY, SINCOS, Pose, Task
 from npend_gym.physics.kernels.layout import Scratch
 
 ObsArray = NDArray[np.float32]
 
 _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
-_PI_32 = float(np.float32(np.pi))
-# angles above it would become _PI_32 as float32, which is more than pi
-_BELOW_PI_32 = 0.5 * (_PI_32 + float(np.nextafter(np.float32(np.pi), np.float32(0.0))))
+# angles above it would become more than pi as float32
+_BELOW_PI_32 = 0.5 * float(np.float32(np.pi) + np.nextafter(np.float32(np.pi), np.float32(0.0)))
 
 
-@inlined_kernel
+@law
 def wrapped(theta: Any) -> Any:
     """Return an angle without whole turns, in [-pi, pi)."""
     turns = (theta + _PI) * _INVERSE_TWO_PI
@@ -33,10 +33,30 @@ def wrapped(theta: Any) -> Any:
     return theta - _TWO_PI * whole
 
 
-@inlined_kernel
+@law
 def within(x: Any, limit: float) -> Any:
     """Return a number clipped to +-limit."""
     return where(x > limit, limit, where(x < -limit, -limit, x))
+
+
+@law
+def angle_entry(theta: Any) -> Any:
+    """Entry of an angle, which float32 keeps within +-pi."""
+    angle = wrapped(theta)
+    return where(angle > _BELOW_PI_32, angle - _TWO_PI, angle)
+
+
+@law
+def speed_entry(omega: Any, per_speed: Any, task: Any) -> Any:
+    """Entry of an angular velocity beside sines and cosines."""
+    return within(omega * per_speed, task[Task.SPEED_LIMIT])
+
+
+@law
+def cart_entries(place: Any, velocity: Any, task: Any) -> tuple[Any, Any]:
+    """Entries of the position and the velocity of a cart."""
+    place, velocity = place / task[Task.RAIL], velocity * task[Task.PER_CART_SPEED]
+    return within(place, MAX_CART_ENTRY), within(velocity, MAX_CART_ENTRY)
 
 
 @inlined_kernel
@@ -67,20 +87,18 @@ def observe(
         _write_columns(scratch[Scratch.COS], width, rows[:, n:column])
     else:
         for i in range(n):
-            angle = wrapped(angles[i])
-            numbers[i] = where(angle > _BELOW_PI_32, -_PI_32, angle)
+            numbers[i] = angle_entry(angles[i])
         _write_columns(shown, width, rows[:, :n])
     if velocities:
         if sines:
             for i in range(n):
-                numbers[i] = within(speeds[i] * per_speed[i], task[Task.SPEED_LIMIT])
+                numbers[i] = speed_entry(speeds[i], per_speed[i], task)
             _write_columns(shown, width, rows[:, column : column + n])
         else:
             _write_columns(omega, width, rows[:, column : column + n])
         column += n
     if task[Task.RAIL] > 0.0:
-        numbers[0] = within(angles[n] / task[Task.RAIL], MAX_CART_ENTRY)
-        numbers[1] = within(speeds[n] * task[Task.PER_CART_SPEED], MAX_CART_ENTRY)
+        numbers[0], numbers[1] = cart_entries(angles[n], speeds[n], task)
         entries = 2 if velocities else 1
         _write_columns(shown, width, rows[:, column : column + entries])
         column += entries

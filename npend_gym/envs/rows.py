@@ -90,6 +90,9 @@ class TaskFields(NamedTuple):
     PER_CART_SPEED: int = 9  # s/m, by which its observed velocity is multiplied
     VELOCITIES: int = 10  # 1: velocities are observed
     UPRIGHTNESS: int = 11  # below which a rod has fallen: the cosine of `max_tilt`; -inf: none
+    OBSERVES: int = 12  # 1: nothing moves; the call observes, in groups with a lane to be OBSERVED
+    DRIVEN: int = 13  # 1: motors that are not ideal have set the torques
+    SENSED: int = 14  # 1: sensors that are not ideal observe afterwards
 
 
 Task: TaskFields = TaskFields()

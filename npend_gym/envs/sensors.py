@@ -19,7 +19,8 @@ from npend_gym.compiled.normal import make_normal
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
-from npend_gym.envs.observing import ObsArray, observe, wrapped
+from npend_gym.envs.laws import law
+from npend_gym.envs.observing import ObsArray, observe, within, wrapped
 from npend_gym.envs.rows import SINCOS, Episode, Setting, Task, Wiring
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.layout import MAX_SPEED, Model, Rod, Scratch, Timing
@@ -31,13 +32,13 @@ _THETA, _OMEGA = Scratch.THETA, Scratch.OMEGA
 _FIRST_NOISE, _SECOND_NOISE = Scratch.STEP_THETA, Scratch.STEP_OMEGA
 
 
+@law
 def interpolate(
     older: tuple[Any, Any], newer: tuple[Any, Any], fraction: Any, dt: float
 ) -> tuple[Any, Any]:
     """Return angle and angular velocity a `fraction` of a step before `newer`.
 
-    The cubic that has the angles and angular velocities of both states, and its derivative; numbers
-    or tensors.
+    The cubic that has the angles and angular velocities of both states, and its derivative.
     """
     s = 1.0 - fraction
     turned = newer[0] - older[0]
@@ -48,7 +49,11 @@ def interpolate(
     return theta, (first + s * (2.0 * bend + s * (3.0 * twist))) / dt
 
 
-_interpolate = inlined_kernel(interpolate)
+@law
+def age_shown(numbers: Any, g: Any, step: Any) -> Any:
+    """Age of what is observed in this step of the episode [steps]."""
+    delay = numbers[Setting.observation_delay, g]
+    return where(delay > step, step, delay)
 
 
 @inlined_kernel
@@ -68,7 +73,7 @@ def _look_back(
         for i in range(size):
             past[step & mask, Rod.THETA, i] = rows[Rod.THETA, i * width + k]
             past[step & mask, Rod.OMEGA, i] = rows[Rod.OMEGA, i * width + k]
-        delay = min(members[Setting.observation_delay, g * width + k], step)
+        delay = age_shown(members, g * width + k, members[Episode.STEPS, g * width + k])
         while delay > 0.0 and math.isnan(past[(step - math.ceil(delay)) & mask, Rod.THETA, 0]):
             delay = math.ceil(delay) - 1.0
         whole = int(delay)
@@ -77,7 +82,7 @@ def _look_back(
             angle, speed = newer[Rod.THETA, i], newer[Rod.OMEGA, i]
             if delay > whole:
                 before, now = (older[Rod.THETA, i], older[Rod.OMEGA, i]), (angle, speed)
-                angle, speed = _interpolate(before, now, delay - whole, dt)
+                angle, speed = interpolate(before, now, delay - whole, dt)
             theta[i * width + k], omega[i * width + k] = angle, speed
 
 
@@ -109,30 +114,34 @@ def draw_sensor_noise(
         make_normal(first[k], second[k])
 
 
-@inlined_kernel
-def _rounded(x: Any, resolution: Any) -> Any:
+@law
+def rounded(x: Any, resolution: Any) -> Any:
     """Return the nearest multiple of the resolution, of two the even one; x where it is 0."""
     steps = x / where(resolution > 0.0, resolution, 1.0)
     whole = (steps + ROUND) - ROUND
     return where((resolution > 0.0) & (abs(steps) < _MOST), whole * resolution, x)
 
 
-@inlined_kernel
-def _measure(numbers: FloatArray, g: int, n: int, scratch: FloatArray) -> None:
-    """Add the noise to the angles and angular velocities of a group, and round them."""
-    noise, step = numbers[Setting.angle_noise, g], numbers[Setting.angle_resolution, g]
-    spread, speed_step = numbers[Setting.velocity_noise, g], numbers[Setting.velocity_resolution, g]
-    ideal, rounds = (noise == 0.0) & (step == 0.0), any_of((step > 0.0) | (speed_step > 0.0))
-    for i in range(n):
-        theta = scratch[_THETA, i]
-        angle = wrapped(theta + noise * scratch[_FIRST_NOISE, i])
-        omega = scratch[_OMEGA, i] + spread * scratch[_SECOND_NOISE, i]
-        if rounds:
-            angle = where(step > 0.0, wrapped(_rounded(angle, step)), angle)
-            omega = _rounded(omega, speed_step)
-        scratch[_THETA, i] = where(ideal, theta, angle)
-        omega = where(omega > MAX_SPEED, MAX_SPEED, omega)
-        scratch[_OMEGA, i] = where(omega < -MAX_SPEED, -MAX_SPEED, omega)
+@law
+def rounds(numbers: Any, g: Any) -> bool:
+    """Return whether any sensor rounds."""
+    resolutions = numbers[Setting.angle_resolution, g], numbers[Setting.velocity_resolution, g]
+    return any_of((resolutions[0] > 0.0) | (resolutions[1] > 0.0))
+
+
+@law
+def reading(
+    numbers: Any, g: Any, theta: Any, omega: Any, noise: tuple[Any, Any], rounding: bool
+) -> tuple[Any, Any]:
+    """Angle and angular velocity of a rod as the sensors show them; `noise` of deviation 1 each."""
+    spread, step = numbers[Setting.angle_noise, g], numbers[Setting.angle_resolution, g]
+    angle = wrapped(theta + spread * noise[0])
+    speed = omega + numbers[Setting.velocity_noise, g] * noise[1]
+    if rounding:
+        angle = where(step > 0.0, wrapped(rounded(angle, step)), angle)
+        speed = rounded(speed, numbers[Setting.velocity_resolution, g])
+    angle = where((spread == 0.0) & (step == 0.0), theta, angle)
+    return angle, within(speed, MAX_SPEED)
 
 
 @spliced_kernel
@@ -142,14 +151,14 @@ def _sense(
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     numbers, work = view(members), view(scratch)
-    n, observes = rods.shape[2] // width - 1, timing[Timing.SUBSTEPS] == 0.0
+    n, observes = rods.shape[2] // width - 1, task[Task.OBSERVES] > 0.0
     first, second = scratch[_FIRST_NOISE, : n * width], scratch[_SECOND_NOISE, : n * width]
     if timing[Timing.LAST_SUBSTEP] < timing[Timing.SUBSTEPS]:
         return
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         if observes and not any_of(numbers[Episode.OBSERVED, g] > 0.0):
             continue
-        if history.shape[1] > 0:
+        if any_of(numbers[Setting.observation_delay, g] > 0.0):
             _look_back(members, rods[g], g, width, dt, history, scratch)
         else:
             copy(rods[g, Rod.THETA], scratch[_THETA])
@@ -158,7 +167,12 @@ def _sense(
         if any_of(noisy):
             _draw_noise(members, g, width, n, keys, first, second)
             make_normal(first, second)
-        _measure(numbers, g, n, work)
+        rounding = rounds(numbers, g)
+        for i in range(n):
+            noise = work[_FIRST_NOISE, i], work[_SECOND_NOISE, i]
+            work[_THETA, i], work[_OMEGA, i] = reading(
+                numbers, g, work[_THETA, i], work[_OMEGA, i], noise, rounding
+            )
         s, c = work[Scratch.SIN], work[Scratch.COS]
         if task[Task.FORM] == SINCOS:
             for i in range(n):
@@ -200,7 +214,7 @@ def sense_many(
     keys : ndarray, uint64, shape (2, lanes)
     history : ndarray, shape (lanes, slots, 2, size)
         The states of the last steps, kept here: THETA and OMEGA, the first rows of `Rod`, of `size`
-        coordinates, those of carts too. slots is a power of two, or 0 without delay.
+        coordinates, those of carts too. slots is a power of two; lanes without a delay need none.
     dt : float
         Time of a step [s].
     """

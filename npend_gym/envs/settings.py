@@ -290,3 +290,5 @@ OF_CART = [each.name for each in fields(CartSettings) if each.name in OF_LANES]
 HARDWARE = [name for name in OF_LANES if name not in (*OF_CART, "max_torque")]
 OF_SENSORS = [each.name for each in fields(SensorSettings) if each.name in HARDWARE]
 COUNTED = ["ripple_cycles"]  # settings that nothing in between may be drawn of
+OF_PUSHES = ["push_rate", "push_force"]
+ERRORS_OF_MOTORS = [name for name in HARDWARE if name not in (*OF_SENSORS, *COUNTED, *OF_PUSHES)]

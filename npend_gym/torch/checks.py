@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,11 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.gpu import require_device
 from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.inputs import checked_action
+from npend_gym.envs.keywords import DEFAULTS
+from npend_gym.envs.laws import names_in_laws
+from npend_gym.envs.settings import Settings
 
 _DTYPES = (torch.float64, torch.float32)
 _DEVICES = ("cpu", "cuda")
@@ -138,3 +143,39 @@ def clipped_action(
     if not torch.isfinite(given).all():
         raise ValueError(f"action must be finite, got {_checks.show(given)}")
     return given.to(torch.float64).clamp(-1.0, 1.0)
+
+
+# What this environment does as `NPendulumVectorEnv`, beside the settings that laws read
+_KNOWN = frozenset({
+    "actuated", "max_torque", "difficulty", "torque_levels", "base", "max_force", "cart_mass",
+    "rail", "rail_damping", "observation", "observe_velocities", "observe_context", "mode", "chain",
+    "dt", "substeps", "reward_type", "goal_env", "max_tilt", "measure_periods", "amplitude",
+    "spread", "randomize",
+})  # fmt: skip
+
+
+def check_known(config: EnvConfig) -> None:
+    """Raise a ValueError that names a keyword which an environment of tensors does not know."""
+    known, where = _KNOWN.union(names_in_laws()), "in an environment of tensors"
+    for name in [each.name for each in fields(Settings)]:
+        is_default = np.array_equal(getattr(config, name), DEFAULTS[name])
+        is_drawn = any(drawn.split("[")[0] == name for drawn in config.context_names)
+        if name not in known and (is_drawn or not is_default):
+            raise ValueError(
+                f"{name} must be left out {where}, which does not know it as NPendulumVectorEnv "
+                f"does; got {_checks.show(getattr(config, name))}"
+            )
+        if name in ("cart_mass", "rail_damping") and is_drawn:
+            raise ValueError(f"randomize must leave {name} out {where}, whose carts are all alike")
+    if config.measure_periods and not config.mode.measures_periods:
+        raise ValueError(f"measure_periods must be left out {where}, which measures none; got True")
+
+
+def check_ideal(episodes: Episodes, device: torch.device) -> None:
+    """Raise a ValueError for motors, sensors or a cart that a device does not have."""
+    ideal = episodes.motors is None and episodes.sensors is None
+    if device.type != "cpu" and (episodes.config.has_cart or not ideal):
+        raise ValueError(
+            'device must be "cpu" for a cart, or for motors and sensors that are not ideal; '
+            f'got "{device}"'
+        )

@@ -21,7 +21,14 @@ from npend_gym.envs.keywords import with_config_keywords
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.session import ManyLanes
 from npend_gym.torch.autograd import Step, applied, uncompiled
-from npend_gym.torch.checks import DivergedError, check_device, check_tensor, clipped_action
+from npend_gym.torch.checks import (
+    DivergedError,
+    check_device,
+    check_ideal,
+    check_known,
+    check_tensor,
+    clipped_action,
+)
 from npend_gym.torch.compiled_steps import call_of
 from npend_gym.torch.hardware import Motors, Sensors, begun
 from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
@@ -53,7 +60,8 @@ class DifferentiableVectorEnv(ManyLanes):
         Where all tensors are: "cpu", or "cuda" for steps on a GPU, which need the extra "cuda".
     **keywords
         As for `NPendulumEnv`. On "cuda" motors and sensors are ideal, and the pivot is at rest.
-        `randomize` never draws the mass or the damping of a cart.
+        `randomize` never draws the mass or the damping of a cart. Nothing is rendered, and no
+        pseudo-periods are measured.
 
     Attributes
     ----------
@@ -93,7 +101,8 @@ class DifferentiableVectorEnv(ManyLanes):
         self._open_lanes(config, num_envs, max_episode_steps, autoreset_mode)
         self.observation_size: int = config.observed
         self.action_size: int = config.joints.size
-        self._check_config()
+        check_known(config)
+        check_ideal(self._episodes, self.device)
         self._fit_hardware()
         self._crew = Crew(threads)
         self._theta: Tensor = self._zeros(self.num_envs, config.state_size // 2)  # and of a cart
@@ -102,22 +111,6 @@ class DifferentiableVectorEnv(ManyLanes):
         self._age = self._held = self._zeros(self.num_envs, dtype=torch.int64)
         self._done = self._zeros(self.num_envs, dtype=torch.bool)
         self._taken = 0
-
-    def _check_config(self) -> None:
-        """Raise a ValueError where these environments cannot take the settings."""
-        config, episodes = self.config, self._episodes
-        for name in ("cart_mass", "rail_damping"):
-            if name in config.context_names:
-                raise ValueError(
-                    f"randomize must leave {name} out in an environment of tensors, whose carts "
-                    "are all alike"
-                )
-        ideal = episodes.motors is None and episodes.sensors is None
-        if self.device.type != "cpu" and (config.has_cart or not ideal):
-            raise ValueError(
-                'device must be "cpu" for a cart, or for motors and sensors that are not ideal; '
-                f'got "{self.device}"'
-            )
 
     def _fit_hardware(self) -> None:
         self._motors = Motors(self._episodes, self.device)
@@ -173,7 +166,6 @@ class DifferentiableVectorEnv(ManyLanes):
         self._lanes = lanes = Lanes.of(began, config, self.device, alike=alike)
         motors = self._motors
         self._call = call_of(config, motors.joints, motors.pieces, lanes.rows, self._crew)
-        self._settings = {name: torch.from_numpy(x) for name, x in began.settings.items()}
         self._theta, self._omega = self._replaced(
             mask, torch.from_numpy(began.state).to(self.device)
         )
@@ -251,10 +243,10 @@ class DifferentiableVectorEnv(ManyLanes):
     def _advance(self, clipped: Tensor) -> None:
         self._taken += 1
         motors = self._motors
-        motors.act(clipped, self._age, self._settings)
+        motors.act(clipped, self._age, self._lanes)
         for piece in range(motors.pieces):
             state = self._theta, self._omega
-            loads = motors.loads(piece, *state, self._lanes, self._settings)
+            loads = motors.loads(piece, *state, self._lanes)
             try:
                 self._theta, self._omega = applied(Step, self._call, *state, loads)
             except DivergedError as error:
@@ -289,7 +281,7 @@ class DifferentiableVectorEnv(ManyLanes):
         return observation, reward.to(self.dtype), terminated, truncated, info
 
     def _observation(self, state: State) -> Any:
-        sensed = self._sensors.shown(state, self._age, self._settings)
+        sensed = self._sensors.shown(state, self._age)
         observation = observe(self.config, sensed).to(self.dtype)
         if self.config.goal_env:
             return with_goals(observation, state)

@@ -7,7 +7,6 @@ gradients.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -15,11 +14,20 @@ from torch import Tensor
 
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
-from npend_gym.envs.sensors import interpolate
-from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.torch.judging import Lanes, State, wrapped
-
-Settings = Mapping[str, Tensor]  # of the sub-environments, by keyword, (B,)
+from npend_gym.torch.judging import Lanes, State
+from npend_gym.torch.laws import (
+    ALL,
+    age_shown,
+    exerted,
+    exerted_on_cart,
+    followed,
+    interpolate,
+    lag_response,
+    older_share,
+    reading,
+    ripple,
+    rounds,
+)
 
 
 def begun(mask: Tensor, start: Tensor, kept: Tensor) -> Tensor:
@@ -87,47 +95,41 @@ class Motors:
             self._past.begin(mask, idle)
             self._lagged = begun(mask, idle, self._lagged)
 
-    def act(self, action: Tensor, age: Tensor, settings: Settings) -> None:
+    def act(self, action: Tensor, age: Tensor, lanes: Lanes) -> None:
         """Take the clipped actions, (B, joints), of a step, and draw what disturbs it."""
         self._newer = action
         if self._motors is not None:
             self._past.add(action)
-            self._older, self._newer, self._fraction = self._past.around(settings["action_delay"])
+            self._older, self._newer, _ = self._past.around(lanes.setting("action_delay"))
             noise, push = self._motors.disturbances(self._keys, age.numpy(), self.config.dt)
             self._noise, self._push = torch.from_numpy(noise), torch.from_numpy(push)
 
-    def loads(self, piece: int, q: Tensor, u: Tensor, lanes: Lanes, settings: Settings) -> Tensor:
+    def loads(self, piece: int, q: Tensor, u: Tensor, lanes: Lanes) -> Tensor:
         """Return the torques on `joints`, and the force on a cart, (B, inputs), in a piece."""
         loads = q.new_zeros(len(q), len(self.joints) + self.config.has_cart)
         if self._motors is None:
             return loads.index_copy(1, self._places, lanes.limits * self._newer)
-        n, h = self.config.n, self.config.dt / self.pieces
-        share = (self._fraction * self.pieces - piece).clamp(0.0, 1.0)
-        action = share * self._older + (1.0 - share) * self._newer
-        motors = lanes.limits * self._followed(action, share, h, settings["motor_lag"][:, None])
+        n, h, largest = self.config.n, self.config.dt / self.pieces, self.config.largest
+        of_lanes, older, newer = (lanes.numbers, ALL), self._older, self._newer
+        share = older_share(*of_lanes, piece, self.pieces)
+        action = share * older + (1.0 - share) * newer
+        if largest["motor_lag"] > 0.0:
+            response = lag_response(*of_lanes, share, h)
+            action, self._lagged = followed(*of_lanes, response, older, newer, self._lagged, action)
         half = q[:, :n] + 0.5 * h * u[:, :n]
-        on_joint, joint = self._places < n, self._places.clamp(max=n - 1)
-        phi = torch.diff(half, dim=1, prepend=torch.zeros_like(half[:, :1]))
-        ripple = (settings["ripple_cycles"][:, None] * wrapped(phi)).sin()
-        ripple = settings["torque_ripple"][:, None] * ripple
-        added = torch.where(on_joint, self._noise + ripple[:, joint], 0.0)
-        loads = loads.index_copy(1, self._places, motors + added)
+        torque = exerted(*of_lanes, action, self._noise)
+        if largest["torque_ripple"] > 0.0:
+            phi = torch.diff(half, dim=1, prepend=torch.zeros_like(half[:, :1]))
+            torque = torque + ripple(*of_lanes, phi[:, self._places.clamp(max=n - 1)])
+        if self.config.has_cart:
+            on_joint = self._places < n
+            torque = torch.where(on_joint, torque, exerted_on_cart(*of_lanes, action))
+        loads = loads.index_copy(1, self._places, torque)
+        if largest["push_rate"] == 0.0:
+            return loads
         levers = torch.flip(lanes.chains.lengths * half.cos(), (1,)).cumsum(1).flip(1)
         of_push = [levers, torch.ones_like(q[:, n:])]
         return loads + self._push[:, None] * torch.cat(of_push, dim=1)
-
-    def _followed(self, action: Tensor, share: Tensor, h: float, lag: Tensor) -> Tensor:
-        """Return the mean of what the motors follow in a piece, and follow to its end.
-
-        Exact for lag y' = u - y with the command u older at first, then newer.
-        """
-        per_lag = h / torch.where(lag > 0.0, lag, 1.0)
-        first, second = -torch.expm1(-share * per_lag), -torch.expm1((share - 1.0) * per_lag)
-        turned = (self._older - self._lagged) * first
-        middle = self._lagged + turned
-        rest = (self._newer - middle) * second
-        self._lagged = torch.where(lag > 0.0, middle + rest, self._newer)
-        return torch.where(lag > 0.0, action - (turned + rest) / per_lag, action)
 
     def detach(self) -> None:
         """Cut the graph."""
@@ -140,46 +142,39 @@ class Sensors:
 
     def __init__(self, episodes: Episodes) -> None:
         self._sensors, self._keys, config = episodes.sensors, episodes.seeds.keys, episodes.config
-        self._dt, self._past = config.dt, Past(config.largest["observation_delay"])
+        self._dt, largest = config.dt, config.largest
+        self._delays = largest["observation_delay"] > 0.0
+        self._noisy = largest["angle_noise"] > 0.0 or largest["velocity_noise"] > 0.0
+        self._past = Past(largest["observation_delay"])
 
     def begin(self, mask: Tensor, q: Tensor, u: Tensor) -> None:
-        """Begin in the sub-environments of `mask` with states q and u, (B, c)."""
-        if self._sensors is not None:
+        """Begin in the lanes of `mask` with states q and u, (B, c)."""
+        if self._delays:
             self._past.begin(mask, torch.cat([q, u], dim=1))
 
     def see(self, q: Tensor, u: Tensor) -> None:
         """Take the states q and u, (B, c), after a step."""
-        if self._sensors is not None:
+        if self._delays:
             self._past.add(torch.cat([q, u], dim=1))
 
-    def shown(self, state: State, age: Tensor, settings: Settings) -> State:
+    def shown(self, state: State, age: Tensor) -> State:
         """Readings of the sensors of a true state, in these steps of the episodes."""
         if self._sensors is None:
             return state
-        column = {name: settings[name][:, None] for name in settings}
-        delay = torch.minimum(settings["observation_delay"], age.double())
-        older, newer, fraction = self._past.around(delay)
-        (q0, u0), (q1, u1), n = older.chunk(2, dim=1), newer.chunk(2, dim=1), state.n
-        q, u = interpolate((q0, u0), (q1, u1), fraction, self._dt)
-        q, u = torch.where(fraction > 0.0, q, q1), torch.where(fraction > 0.0, u, u1)
-        drawn = self._sensors.noise(self._keys, age.numpy())
-        of_angle, of_speed = torch.from_numpy(drawn[0]), torch.from_numpy(drawn[1])
-        deviation, step = column["angle_noise"], column["angle_resolution"]
-        angle = wrapped(q[:, :n] + deviation * of_angle)
-        angle = torch.where(step > 0.0, wrapped(_rounded(angle, step)), angle)
-        angle = torch.where((deviation == 0.0) & (step == 0.0), q[:, :n], angle)
-        speed = u[:, :n] + column["velocity_noise"] * of_speed
-        speed = _rounded(speed, column["velocity_resolution"]).clamp(-MAX_SPEED, MAX_SPEED)
+        numbers, n, q, u = state.lanes.numbers, state.n, state.q, state.u
+        if self._delays:
+            delay = age_shown(numbers, ALL, age.double()[:, None])[:, 0]
+            older, newer, fraction = self._past.around(delay)
+            before, (q, u) = older.chunk(2, dim=1), newer.chunk(2, dim=1)
+            between, late = interpolate(before, (q, u), fraction, self._dt), fraction > 0.0
+            q, u = torch.where(late, between[0], q), torch.where(late, between[1], u)
+        noise: Any = 0.0, 0.0
+        if self._noisy:
+            noise = [torch.from_numpy(x) for x in self._sensors.noise(self._keys, age.numpy())]
+        angle, speed = reading(numbers, ALL, q[:, :n], u[:, :n], noise, rounds(numbers, ALL))
         q, u = torch.cat([angle, q[:, n:]], dim=1), torch.cat([speed, u[:, n:]], dim=1)
         return State(q, u, state.lanes)
 
     def detach(self) -> None:
         """Cut the graph."""
         self._past.detach()
-
-
-def _rounded(x: Tensor, resolution: Tensor) -> Tensor:
-    """Return the nearest multiple of the resolution, with the gradient of x."""
-    step: Any = torch.where(resolution > 0.0, resolution, 1.0)
-    change = ((x / step).round() * step - x).detach()
-    return x + torch.where(resolution > 0.0, change, 0.0)

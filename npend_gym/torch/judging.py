@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, cast
@@ -15,13 +14,13 @@ from torch import Tensor
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig, Quantities
+from npend_gym.envs.config import task_numbers
 from npend_gym.envs.episodes import returned_by
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
-from npend_gym.envs.modes import leans, left_rail, rail_factor
 from npend_gym.envs.outputs import EpisodeStarts
-from npend_gym.envs.rows import MAX_CART_ENTRY
+from npend_gym.envs.rows import Setting
 from npend_gym.physics.energy import kinetic_from, kinetic_on_cart, lift_from
-from npend_gym.torch.autograd import SinCos, applied
+from npend_gym.torch.laws import angle_entry, cart_entries, exact_sincos, ruled, speed_entry
 
 
 class Lanes(NamedTuple):
@@ -38,6 +37,9 @@ class Lanes(NamedTuple):
     limits: Tensor  # of the torques, and of the force on a cart, (B, joints)
     goals: Tensor  # (B, n), or (B, 0)
     context: Tensor  # (B, k), within -1 to 1
+    numbers: Tensor  # of the rows of `Setting` among others, which laws read, (rows, B, 1)
+    task: list[float]  # entries of `Task`
+    per_speed: Any  # s/rad, by which the observed angular velocities are multiplied, (n,) or 1
 
     @classmethod
     def of(
@@ -65,12 +67,14 @@ class Lanes(NamedTuple):
             put(limits),
             put(began.goals),
             put(config.randomization.normalised(began.context)),
+            torch.from_numpy(began.numbers[..., None]),
+            task_numbers(config).tolist(),
+            put(1.0 / config.speed_scale) if config.observation == "scaled" else 1.0,
         )
 
-
-def exact_sincos(angles: Tensor) -> tuple[Tensor, Tensor]:
-    """Return sines and cosines with the bits of the kernels, of float64."""
-    return applied(SinCos, angles)
+    def setting(self, name: str) -> Tensor:
+        """Values of a setting of motors or sensors, (B,)."""
+        return self.numbers[getattr(Setting, name), :, 0]
 
 
 @dataclass(frozen=True)
@@ -153,15 +157,10 @@ def judge(
             torch.as_tensor(x, dtype=torch.bool).expand(shape)
             for x in (returned_by(mode, method, plain) for method in ("failed", "achieved"))
         )
-        left: Any = left_rail(plain.rail_position)
-        down: Any = leans(plain.uprightness, config.least_uprightness)
-        failed, achieved = failed | left | down, achieved & ~(left | down)
-    if config.reward_type == "sparse":
-        return achieved.to(torch.float64), failed, achieved
-    reward = torch.as_tensor(returned_by(mode, "reward", judged)) * rail_factor(
-        judged.rail_position
-    )
-    return torch.where(left, 0.0, reward).expand(shape), failed, achieved
+    sparse = config.reward_type == "sparse"
+    reward = 0.0 if sparse else torch.as_tensor(returned_by(mode, "reward", judged)).expand(shape)
+    place, uprightness = judged.rail_position, judged.uprightness
+    return ruled(state.lanes.task, place, uprightness, reward, failed, achieved)  # pyright: ignore[reportReturnType]
 
 
 def _quantities(
@@ -192,23 +191,21 @@ def _quantities(
 
 def observe(config: EnvConfig, state: State) -> Tensor:
     """Return the observations of an environment, (..., numbers)."""
+    lanes = state.lanes
     if config.with_sines:
-        speeds, limit = state.omega, config.speed_limit
-        if config.observation == "scaled":
-            factors = torch.from_numpy(1.0 / config.speed_scale).to(speeds.device)
-            speeds = (speeds * factors).clamp(-limit, limit)
-        parts = [*state.sines, speeds]
+        parts = [*state.sines, speed_entry(state.omega, lanes.per_speed, lanes.task)]
     else:
-        parts = [wrapped(state.theta), state.omega]
-    of_cart = state.place / (config.rail or 1.0), state.velocity * config.cart_speed_factor
-    of_cart = [entry.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY) for entry in of_cart]
+        parts = [angle_entry(state.theta), state.omega]
+    of_cart: Sequence[Tensor] = ()
+    if config.has_cart:
+        of_cart = cart_entries(state.place, state.velocity, lanes.task)
     if not config.observe_velocities:
         parts, of_cart = parts[:-1], of_cart[:1]
     parts += of_cart
     if config.observes_goals:
-        parts.append(state.lanes.goals)
+        parts.append(lanes.goals)
     if config.observe_context:
-        parts.append(state.lanes.context)
+        parts.append(lanes.context)
     return torch.cat(parts, dim=-1)
 
 
@@ -222,9 +219,3 @@ def with_goals(observation: Tensor, state: State) -> dict[str, Tensor]:
         "achieved_goal": torch.cat([state.cos, kinetic[:, None]], dim=-1),
         "desired_goal": torch.cat([lanes.goals, at_rest], dim=-1),
     }
-
-
-def wrapped(theta: Tensor) -> Tensor:
-    """Return angles in [-pi, pi), with the gradient of the angles."""
-    turns = torch.floor((theta.detach() + math.pi) / (2.0 * math.pi))
-    return theta - 2.0 * math.pi * turns

@@ -124,8 +124,9 @@ class Chain {
   }
 
   step(dt, substeps, perRotation) {
-    const { Timing, Member } = this.layout, { timing, members } = this.arrays;
+    const { Timing, Member, Task } = this.layout, { timing, members, task } = this.arrays;
     timing.fill(0);
+    task[Task.OBSERVES] = substeps === 0 ? 1 : 0;
     [timing[Timing.DT], timing[Timing.SUBSTEPS], timing[Timing.LAST_SUBSTEP]] = [dt, substeps, substeps];
     [timing[Timing.PER_ROTATION], timing[Timing.LAST_GROUP]] = [perRotation, 1];
     members[Member.OBSERVED] = 1;

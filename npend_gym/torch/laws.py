@@ -1,0 +1,73 @@
+"""The laws of motors, sensors and observations for tensors: as in kernels, with gradients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from npend_gym.envs import motors, observing, sensors
+from npend_gym.envs.kernels import ruled as _ruled
+from npend_gym.envs.laws import of_kind
+from npend_gym.torch.autograd import SinCos, applied
+
+ALL = slice(None)  # sub-environments, of the numbers that laws read
+
+
+def exact_sincos(angles: Tensor) -> tuple[Tensor, Tensor]:
+    """Return sines and cosines with the bits of the kernels, of float64."""
+    return applied(SinCos, angles)
+
+
+def _where(condition: Tensor, a: Any, b: Any) -> Tensor:
+    chosen = torch.where(condition, a, b)
+    return chosen if isinstance(a, Tensor) or isinstance(b, Tensor) else chosen.double()
+
+
+def _wrapped(theta: Tensor) -> Tensor:
+    turns = torch.floor((theta.detach() + math.pi) / (2.0 * math.pi))
+    return theta - 2.0 * math.pi * turns
+
+
+def _rounded(x: Tensor, resolution: Tensor) -> Tensor:
+    """Return the nearest multiple of the resolution, with the gradient of x."""
+    step: Any = torch.where(resolution > 0.0, resolution, 1.0)
+    change = ((x / step).round() * step - x).detach()
+    return x + torch.where(resolution > 0.0, change, 0.0)
+
+
+def _within(x: Tensor, limit: float) -> Tensor:
+    return x.clamp(-limit, limit)
+
+
+def _one_minus_exp(x: Tensor) -> Tensor:
+    return -torch.expm1(-x)
+
+
+_TENSORS: dict[str, Callable[..., Any]] = {
+    "where": _where,
+    "wrapped": _wrapped,
+    "rounded": _rounded,
+    "sincos": exact_sincos,
+    "within": _within,
+    "any_of": torch.any,
+    "one_minus_exp": _one_minus_exp,
+}
+
+angle_entry, speed_entry, cart_entries, older_share, lag_response, followed = (
+    of_kind(each, _TENSORS)
+    for each in (
+        observing.angle_entry, observing.speed_entry, observing.cart_entries,
+        motors.older_share, motors.lag_response, motors.followed,
+    )
+)  # fmt: skip
+exerted, exerted_on_cart, ripple, age_shown, interpolate, rounds, reading, ruled = (
+    of_kind(each, _TENSORS)
+    for each in (
+        motors.exerted, motors.exerted_on_cart, motors.ripple,
+        sensors.age_shown, sensors.interpolate, sensors.rounds, sensors.reading, _ruled,
+    )
+)  # fmt: skip
