@@ -63,7 +63,7 @@ class EpisodeStarts(NamedTuple):
     limits: FloatArray  # torque, or force on a cart, of the action 1, (B, joints)
     goals: FloatArray  # cosines, +-1, of the equilibrium to reach, (B, n), or (B, 0) without goals
     context: FloatArray  # the numbers drawn, (B, k)
-    numbers: FloatArray  # of the lanes, by row: of `Member`, `Episode` and `Setting`, (rows, B)
+    numbers: FloatArray  # by row: of `Member`, `Episode` and `Setting`, (rows, B)
 
 
 class Outputs:

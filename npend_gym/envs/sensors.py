@@ -214,7 +214,8 @@ def sense_many(
     keys : ndarray, uint64, shape (2, lanes)
     history : ndarray, shape (lanes, slots, 2, size)
         The states of the last steps, kept here: THETA and OMEGA, the first rows of `Rod`, of `size`
-        coordinates, those of carts too. slots is a power of two; lanes without a delay need none.
+        coordinates, those of carts too. slots is a power of two; environments without a delay need
+        none.
     dt : float
         Time of a step [s].
     """

@@ -148,7 +148,7 @@ class Sensors:
         self._past = Past(largest["observation_delay"])
 
     def begin(self, mask: Tensor, q: Tensor, u: Tensor) -> None:
-        """Begin in the lanes of `mask` with states q and u, (B, c)."""
+        """Begin in the sub-environments of `mask` with states q and u, (B, c)."""
         if self._delays:
             self._past.begin(mask, torch.cat([q, u], dim=1))
 
