@@ -123,6 +123,8 @@ def record_simulation(
     seconds: float,
     *intervals: float,
     definition: str = "bob",
+    method: str = "dop853",
+    dt: float | None = None,
 ) -> list[Recording]:
     """Record one motion at each of `intervals`, with the pseudo-periods after a release from rest.
 
@@ -137,6 +139,8 @@ def record_simulation(
         From instant to instant of a recording [s], one at least.
     definition : str
         What completes a pseudo-period.
+    method, dt
+        Of `simulate`.
 
     Returns
     -------
@@ -156,7 +160,8 @@ def record_simulation(
     steps = [min(_checks.positive_number("interval", each), seconds) for each in intervals]
     check_angles(sum(seconds / step for step in steps), n)
     instants = [step * np.arange(int(seconds / step + 1e-9) + 1.0) for step in steps]
-    motion = simulate(chain, theta, omega, np.unique(np.concatenate(instants)))
+    options = {"method": method, "dt": dt}
+    motion = simulate(chain, theta, omega, np.unique(np.concatenate(instants)), **options)
     first, periods = motion.theta[0], np.full(chain.n, np.nan)
     is_release = not motion.omega[0].any() and 0.0 < np.abs(first).max() <= np.pi
     if is_release:
@@ -165,6 +170,7 @@ def record_simulation(
     if is_release and np.ptp(first) == 0.0:
         caption = f"release from {np.degrees(first[0]):.3g} degrees, {caption}"
     given = {"chain": chain, "theta": first, "omega": motion.omega[0]}
+    given |= options if options != {"method": "dop853", "dt": None} else {}
     made = provenance(plain_keywords(given | {"seconds": seconds, "definition": definition}))
     shared: dict[str, Any] = {
         "definition": definition,

@@ -11,6 +11,7 @@ Examples
   npend simulate --theta 120deg,-10deg     two pendulums, 10 s
   npend simulate --theta 2,2.001 --omega 0,1 --duration 30 --csv motion.csv --plot motion.png
   npend simulate -n 20 --film wave.mp4
+  npend simulate --theta 2,1 --duration 1000 --method gauss4 --dt 0.02
   npend simulate --chain acrobot --theta 2 --film acrobot.gif
   npend simulate swingup-2 --duration 8 --film swingup.gif
   npend simulate mine.safetensors --seed 7 --plain --size 240 --film small.gif
@@ -56,6 +57,8 @@ def run(
     plot: Path | None = None,
     film: Path | None = None,
     interval: float | None = None,
+    method: str | None = None,
+    dt: float | None = None,
     fps: float | None = None,
     speed: float | None = None,
     plain: bool = False,
@@ -88,6 +91,11 @@ def run(
     interval : float, optional
         Time between two rows of the table and two points of the plot [s] (default 0.01; an episode
         of a policy has the steps of its environment).
+    method : str, optional
+        How the steps are taken (default dop853): dop853 or tsit5, with steps of any length; rk4,
+        midpoint, gauss4 or gauss6, with equal steps. The last three are symplectic.
+    dt : float, optional
+        The longest step [s], which methods with equal steps need.
     plain : bool
         Film the chain alone, in square pictures without the diagrams.
     """
@@ -101,7 +109,8 @@ def run(
     speed = _checks.positive_number("speed", 1.0 if speed is None else speed)
     size = _SIZE if size is None else size
     fps = None if fps is None else _checks.positive_number("fps", fps)
-    given: dict[str, Any] = {"n": n, "theta": theta, "omega": omega, "interval": interval} | chain
+    given: dict[str, Any] = {"n": n, "theta": theta, "omega": omega, "interval": interval}
+    given |= {"method": method, "dt": dt} | chain
     start = {name: value for name, value in given.items() if value is not None}
     if policy is not None and start:
         raise ValueError(
@@ -151,6 +160,8 @@ def _of_chain(
     omega: float | Sequence[float] = 0.0,
     duration: float | None = None,
     definition: str = "bob",
+    method: str = "dop853",
+    dt: float | None = None,
     **described: Any,
 ) -> Callable[..., list[Recording]]:
     """Recorder of the motion of a chain at intervals [s]."""
@@ -168,7 +179,8 @@ def _of_chain(
     experiment = ReleaseExperiment(trials=1, definition=definition, **numbers, **described)
     chain = experiment.chain_of(experiment.n_values[0])
     seconds = _SECONDS if duration is None else duration
-    return partial(record_simulation, chain, angles, omega, seconds, definition=definition)
+    options = {"definition": definition, "method": method, "dt": dt}
+    return partial(record_simulation, chain, angles, omega, seconds, **options)
 
 
 def _of_policy(

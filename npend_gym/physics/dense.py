@@ -36,12 +36,13 @@ def at(trajectory: Trajectory, times: ArrayLike) -> tuple[FloatArray, FloatArray
 
     Notes
     -----
-    The polynomials on the steps that were taken, of order 7 for "dop853" and 3 for "rk4". The
-    first call integrates once more and keeps the steps, eight states for each, up to 8 GiB.
+    The polynomials on the steps that were taken, of order 7 for "dop853", 4 for "tsit5" and 3 for
+    "rk4". Those of symplectic methods have degree 5. The first call integrates once more and keeps
+    the steps, eight states for each, up to 8 GiB.
 
     It integrates up to the last of the times of the trajectory. After a terminal event its steps
-    therefore differ from those of `simulate`: with "dop853" the states agree within the tolerances,
-    with "rk4" within the error of the method.
+    therefore differ from those of `simulate`: with "dop853" and "tsit5" the states agree within the
+    tolerances, with others within the error of the method.
     """
     q, u = _halves(trajectory, times)
     n = trajectory.chain.n

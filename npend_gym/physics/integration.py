@@ -74,6 +74,11 @@ def check_going(
         k = int(np.argmin(status[:width]))
         if members is not None:
             which = f" for motion {min(members.start + k, members.stop - 1)}"
+        if not problem.rtol:
+            raise IntegrationError(
+                f"the step from t = {instants[k]:g} s on{which} has no solution: dt is too long "
+                'for this chain; shorten it or use method "dop853"'
+            )
         raise IntegrationError(
             f"no step is small enough at t = {instants[k]:g} s{which} with rtol = "
             f"{problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the state and "

@@ -13,9 +13,11 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import Callback
 from npend_gym.physics.drives import Drives, slots
 from npend_gym.physics.kernels.driven import AFTER_TORQUES
+from npend_gym.physics.kernels.methods import METHODS, longest_gap
 from npend_gym.physics.mechanism import Mechanism
 from npend_gym.physics.motion import Motion
 from npend_gym.physics.signals import Signal, TimeVarying, varies
+from npend_gym.physics.substeps import GAP
 
 
 class Function:
@@ -123,5 +125,8 @@ def motion_of(
     drives.begin(begin, state[:m], state[m:], kept)
     settings = dict(recipe.settings)
     if recipe.longest_step is not None:
-        settings["dt"] = min(settings.get("dt", math.inf), float(recipe.longest_step))
+        # steps of "rk4" end at each of the times
+        gap = GAP if recipe.method == "rk4" else longest_gap(METHODS[recipe.method])
+        longest = float(recipe.longest_step) * min(1.0, GAP / gap)
+        settings["dt"] = min(settings.get("dt", math.inf), longest)
     return Motion(mechanism, state, drives, settings, members, recipe.method)

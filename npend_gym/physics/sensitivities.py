@@ -119,7 +119,7 @@ def sensitivities(
     Notes
     -----
     They are the derivatives of the steps that were taken, to rounding, their lengths held
-    fixed: for "dop853" those of each accepted step and of the polynomial between its ends.
+    fixed, and of the polynomials between their ends.
     Functions of time and Signals count as given. The motion is integrated once more, with the
     same bits. The time grows as the number of derivatives, the memory is that of the result.
 

@@ -74,14 +74,17 @@ def simulate(
     pivot_acceleration : array_like of shape (2,), Signal or callable, optional
         Acceleration of the pivot [m/s^2], sideways and up, which nothing else moves; of a function
         as for `force`, two numbers.
-    method : {"dop853", "rk4"}
-        "dop853": order 8(5,3), with steps chosen to meet `rtol` and `atol`. "rk4": order 4, with
-        equal steps between two times, as few as possible but none longer than `dt`.
+    method : {"dop853", "tsit5", "rk4", "midpoint", "gauss4", "gauss6"}
+        "dop853" and "tsit5": orders 8(5,3) and 5(4), with steps chosen to meet `rtol` and `atol`.
+        "rk4": order 4, with equal steps between two times, as few as possible but none longer than
+        `dt`. "midpoint", "gauss4" and "gauss6": orders 2, 4 and 6, symplectic, with equal steps
+        from the first time to the last, for chains without friction.
     rtol, atol : float
-        Relative and absolute tolerance of each step (for "dop853").
+        Relative and absolute tolerance of each step (for "dop853" and "tsit5").
     dt : float, optional
-        Longest step [s]; "rk4" requires it. By default "dop853" takes steps of any length: at rest,
-        where the motion has no error, very long ones. Functions limit them: see the notes.
+        Longest step [s]; all methods but "dop853" and "tsit5" require it. By default these take
+        steps of any length: at rest, where the motion has no error, very long ones. Functions limit
+        them: see the notes.
     events : Event, callable or list of these, optional
         What is looked for: an `Event`, or a function ``event(t, theta, omega)`` whose zeros are
         wanted, with the attributes `terminal` and `direction` of SciPy's, if any. Coordinates of a
@@ -117,7 +120,7 @@ def simulate(
 
     No step with a function is longer than three of the intervals between `times`, on average. Nor
     is it longer than 1/12 of the fastest normal mode's period, or 0.5 s without gravity. This holds
-    for both methods, derivatives and `Trajectory.at`. Calls of the function are at most 0.27 of a
+    for all methods, derivatives and `Trajectory.at`. Calls of the function are at most 0.27 of a
     step apart. So no pulse is missed that lasts as long as an interval, or 1/47 of that period. For
     shorter ones give `dt` or a `Signal`.
 
@@ -125,6 +128,9 @@ def simulate(
     may be missed; zeros are located to 1e-12 s on the polynomials between steps. Functions are
     looked at in four places of every part of a step that has the length above. No event changes the
     steps. A motion that begins at a zero is no event there.
+
+    Symplectic steps are those of Gauss and Legendre in coordinates and canonical momenta. The error
+    of the energy does not grow in time. docs/howto/long_motions.md says when they are worth it.
 
     Examples
     --------

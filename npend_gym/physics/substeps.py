@@ -27,9 +27,9 @@ _FOLDED = 4.0
 # A function of the user's is known only where a step calls it. So the fastest normal mode turns by
 # no more than this in a step with one [rad]. Steps of motions that are not at rest are shorter.
 LONGEST_PHASE = 0.5
-# Nor is a step longer than this many intervals between two times. The instants at which a step of
-# DOP853 calls a function are at most 0.27 of it apart: no pulse of one interval is missed.
-_INTERVALS = 3.0
+# Nor is a step longer than this many intervals between two times. The instants at which a step
+# calls a function are at most GAP of it apart, or it is shorter: no pulse of one interval is lost.
+_INTERVALS, GAP = 3.0, 0.27
 # How much closer to a limit a rate may be computed to lie than it does, of itself
 _ROUNDING = 1e-6
 # A chain that is whirled round turns faster than it swings. Substeps in which no rod turns by more

@@ -1,9 +1,9 @@
 """Compiled physics. Arrays in, arrays out: no checks, no exceptions, no allocation in loops.
 
-dynamics has the equations, states evaluates them for many states; rk4 and dop853 take steps;
-turning_points says when a bob turns, releases measures a release; layout names the
-fields of many chains, advance takes their steps, tape differentiates those of a motion. Equations
-and steps are written for numbers that are floats, one chain, or packs (see
+dynamics has the equations, states evaluates them for many states; rk4, pairs and gauss take steps,
+methods names them; turning_points says when a bob turns, releases measures a release; layout names
+the fields of many chains, advance takes their steps, tape and gauss_derivatives differentiate those
+of a motion. Equations and steps are written for numbers that are floats, one chain, or packs (see
 `npend_gym.compiled.packs`), many chains side by side.
 
 Joint j lies between rod j-1 and rod j, joint 0 at the pivot.

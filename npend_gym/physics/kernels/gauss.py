@@ -9,7 +9,8 @@ U is found to rounding, by iteration with the factors of N(q). Of s stages the o
 Hairer, C. Lubich, G. Wanner, "Geometric Numerical Integration" (2006), chapters VI and VIII.
 
 Between its ends a step is the polynomial of degree 5 that has the coordinates, rates and
-accelerations of both, and the rates are its slope but for a polynomial that is zero at the ends.
+accelerations of both. The rates are the cubic through theirs, and of more than one stage the
+quartic whose integral is the change of the coordinates.
 """
 
 # numbers are floats or packs, which pyright does not follow
@@ -236,10 +237,12 @@ def attempt(solver: Solver, t_end: float, problem: Problem, method: Gauss) -> fl
 @inlined_kernel
 def fit(
     h: Any, q: FloatArray, u: FloatArray, alpha: FloatArray, reached: FloatArray,
-    gained: FloatArray, poly: FloatArray,
+    gained: FloatArray, method: Gauss, poly: FloatArray,
 ) -> None:  # fmt: skip
     """Write the polynomial of a step into five rows; it is linear in all that it depends on."""
     m = q.size
+    # rates of order 2 are smoother as a cubic
+    inverse: Any = (30.0 if method.ends.size > 1 else 0.0) / where(h > 0.0, h, 1.0)
     for i in range(m):
         moved, turned = reached[i] - q[i], reached[m + i] - u[i]
         first = h * u[i] - moved
@@ -253,8 +256,7 @@ def fit(
         poly[0, j], poly[1, j] = turned, h * alpha[i] - turned
         poly[2, j] = 2.0 * turned - h * (alpha[i] + gained[i])
         mean = 0.5 * (u[i] + reached[j]) + (h / 12.0) * (alpha[i] - gained[i])
-        inverse: Any = 1.0 / where(h > 0.0, h, 1.0)
-        poly[3, j], poly[4, j] = 30.0 * (moved * inverse - mean), 0.0 * turned
+        poly[3, j], poly[4, j] = inverse * (moved - h * mean), 0.0 * turned
 
 
 @inner_kernel
@@ -262,4 +264,4 @@ def prepare_dense(solver: Solver, problem: Problem, method: Gauss) -> None:  # n
     """Fit the polynomial of dense output to the last step."""
     y, m, k = solver.y_old, solver.y.size // 2, solver.k
     h = solver.clock[1] - solver.clock[0]
-    fit(h, y[:m], y[m:], k[0][m:], solver.y, k[1][m:], solver.poly)
+    fit(h, y[:m], y[m:], k[0][m:], solver.y, k[1][m:], method, solver.poly)

@@ -124,7 +124,7 @@ def _change_step(
         u_end[i] = u_end[i] + gain[i]
     again = scratch[_ALPHA_1][:m]
     change_stage(1, chain, rods.mass, tape, poses, q_end, u_end, pushed, changed, again, scratch)
-    fit(h, dq, du, gained, moved, again, scratch[_POLY:])
+    fit(h, dq, du, gained, moved, again, method, scratch[_POLY:])
     copy(moved, change)
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from npend_gym.compiled.jit import chosen_by_type
 from npend_gym.physics.kernels import gauss, gauss_derivatives, pairs, tape
 from npend_gym.physics.kernels.dop853 import DOP853
@@ -45,6 +47,11 @@ def attempt(solver: Solver, t_end: float, problem: Problem, method: Method) -> f
 def prepare_dense(solver: Solver, problem: Problem, method: Method) -> None:
     """Fit the polynomial of dense output to the last step."""
     raise NotImplementedError
+
+
+def longest_gap(method: Method) -> float:
+    """Return the longest part of a step in which nothing that drives a chain is evaluated."""
+    return float(np.diff(np.unique([*method.instants[: method.stages], 1.0])).max())
 
 
 def carrier(method: Method, m: int) -> Callable[..., None]:
