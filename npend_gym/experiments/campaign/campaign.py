@@ -206,7 +206,10 @@ def check_folder(
 def _check_task(
     plan: Plan, folder: Folder, task: Task, here: list[list[str]], status: FolderStatus
 ) -> list[str]:
-    """Count a task with its parts, by table; return the files that are of no use."""
+    """Count a task with its parts, by table; return those that are damaged.
+
+    What is half done is kept: another driver may be about to write the rest.
+    """
     whole = [
         [one for one in each if folder.read_part(plan.digest, one) is not None] for each in here
     ]
@@ -220,9 +223,9 @@ def _check_task(
             return damaged
     if all(whole):
         status.finish(task)
-        return damaged
-    status.incomplete += any(map(bool, whole))
-    return [*damaged, *(one for each in whole for one in each)]
+    else:
+        status.incomplete += any(map(bool, whole))
+    return damaged
 
 
 def _groups(plan: Plan, folder: Folder) -> Iterator[str]:

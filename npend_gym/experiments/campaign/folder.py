@@ -112,15 +112,14 @@ class Store(Folder):
         self.url = out.rstrip("/")
         try:
             self.fs: Any
-            self.fs, self.root = fsspec.core.url_to_fs(self.url)
+            # without a cache, because other machines write too
+            self.fs, self.root = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
         except (ValueError, ImportError) as error:
             raise ValueError(
                 f"out must be a folder or the URL of one, got {out}: {error}. Its library may be "
                 'missing: pip install "npend-gym[cloud]"'
             ) from error
         self.is_of_process: bool = self.url.startswith("memory:")
-        # listings must show what other machines have written by now
-        self.fs.use_listings_cache = False
 
     def __str__(self) -> str:
         return self.url

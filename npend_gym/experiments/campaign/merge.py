@@ -52,7 +52,9 @@ def read_status(out: Path | str) -> tuple[Plan, Folder, FolderStatus]:
     folder = open_folder(out)
     plan = read_plan(folder)
     if plan is None:
-        raise ValueError(f"there is no campaign in {folder}: npend campaign --out makes one")
+        raise ValueError(
+            f"there is no campaign in {folder}: npend campaign --out {folder} makes one"
+        )
     return plan, folder, check_folder(plan, folder)
 
 

@@ -93,7 +93,7 @@ def train(
     chosen = trainer(algorithm)
     using = chosen.settings_of(task, seed=seed, **settings)
     using = replace(using, env={**using.env, **(env or {})})
-    policy, curve = chosen.train(using, task)
+    policy, curve = chosen.train(using)
     row = rl.evaluate(policy, policy.env, episodes=episodes).as_row()
     return {"steps": curve[-1]["steps"], **row}
 

@@ -131,13 +131,15 @@ class SweepPlan(Plan):
             cell, number = divmod(trial, self.trials)
             values, seed = self.cell(cell), self.seed + number
             rows = as_table(function(seed=seed, **values))
-            for name in (*_OWN, *values):
-                if name in rows.column_names:
-                    raise ValueError(f"column {name} is that of a parameter: give it another name")
             own = {"cell": pa.scalar(cell), "seed": pa.scalar(seed)}
             own |= {name: self._as_column(name, values[name]) for name in values}
             columns = {name: pa.repeat(value, len(rows)) for name, value in own.items()}
-            columns |= zip(rows.column_names, rows.columns, strict=True)
+            for name, column in zip(rows.column_names, rows.columns, strict=True):
+                if columns.setdefault(name, column).to_pylist() != column.to_pylist():
+                    raise ValueError(
+                        f"column {name} must have the value of the parameter, "
+                        f"{own[name].as_py()}: give it another name"
+                    )
             found.append(pa.table(columns))
         return {ROWS: pa.concat_tables(found, promote_options="permissive").combine_chunks()}
 
