@@ -20,9 +20,11 @@ plan = CampaignPlan(n=[3, 5, 10, 20], amplitude=[0.1, 0.3, 0.5, 0.7, 0.9, 1.1], 
 
 if __name__ == "__main__":  # worker processes import this file, but must not start campaigns
     with Campaign(plan, folder) as campaign:
-        print(campaign.status.text() or f"{len(campaign.status.done)} tasks were done before")
-        bar = tqdm(total=plan.task_count, initial=len(campaign.status.done), unit="task")
-        for task, error in campaign.run():  # on all cores; campaign.run("ray") on a cluster
+        print(campaign.status.text() or f"{campaign.status.count} tasks were done before")
+        bar = tqdm(total=plan.task_count, initial=campaign.status.count, unit="task")
+        # On all cores; campaign.run("ray") on a cluster. Other machines may help, without a driver:
+        # Campaign(plan, folder, shard="2/8") does the second of eight shares.
+        for task, error in campaign.run():
             bar.update()
             if error:
                 print(task.id, "failed:", error)

@@ -98,7 +98,7 @@ def run(
     if out is None:
         raise ValueError("--out must be given: the folder of the results")
     check_workers(backend, workers, address)
-    given = values if plan is None else read_plan_file(plan) | values
+    given: dict[str, Any] = values if plan is None else read_plan_file(plan) | values
     if study is not None:
         given = given | {"study": study}
     if settings:

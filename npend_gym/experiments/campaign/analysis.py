@@ -31,6 +31,7 @@ from npend_gym.experiments.campaign.folder import open_folder
 from npend_gym.experiments.campaign.merge import Summary, summary
 from npend_gym.experiments.campaign.plan import OF_CHAIN, CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
+from npend_gym.experiments.campaign.sweep import SweepPlan
 from npend_gym.experiments.fits import (
     LAW_FROM,
     LAW_UP_TO,
@@ -161,8 +162,9 @@ def analyse(out: Path | str) -> Any:
     if not status.count:
         raise ValueError(f"nothing is done yet in {out}: npend campaign --out {out} continues it")
     where = Path(str(folder))
-    if not isinstance(plan, CampaignPlan):
+    if isinstance(plan, SweepPlan):
         return Summary(plan, where, status, summary(plan, folder, status.done))
+    plan = cast("CampaignPlan", plan)
     with np.errstate(all="ignore"):  # what is not finite is left out of the fits
         stats = statistics(plan, folder, status.done)
         groups = tuple(_groups(plan, stats))

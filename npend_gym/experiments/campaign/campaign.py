@@ -446,11 +446,11 @@ class Campaign:
                 for index in _share(self.plan, name, self.shard)
                 if not self.status.done[index] and index not in self.status.blocked
             ]
-            by_others: set[int] = set()
+            by_others = set[int]()
             if left and (not self.is_alone or self.folder.is_store):
                 found = (self.folder.names(f"{table}/{name}/") for table in self.plan.tables)
-                parts = ({_index(each) for each in names} for names in found)
-                by_others = set.intersection(*parts)
+                parts = [{_index(each) for each in names} for names in found]
+                by_others = parts[0].intersection(*parts[1:])
             for index in left:
                 if index in by_others:  # written since the folder was checked
                     self.status.finish(self.plan.task(index))

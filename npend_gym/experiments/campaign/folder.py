@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
@@ -132,7 +132,7 @@ class Store(Folder):
         return f"{self.root}/{name}"
 
     @contextmanager
-    def _told(self, name: str) -> Iterator[None]:
+    def _told(self, name: str) -> Generator[None, None, None]:
         """Turn errors of libraries into an OSError that names the URL; leave those of files."""
         try:
             yield

@@ -108,8 +108,8 @@ def _cell_rows(plan: CampaignPlan, folder: Folder, done: BoolArray) -> Iterator[
             values = plan.cell(int(cell))
             own = {name: column[span] for name, column in columns.items()}
             place = (own["start_rad"] - values["amplitude"]) / (values["spread"] or 1.0)
-            trial, done = (part[name][span] for name in ("trial", "completed"))
-            yield _CellRows(int(cell), trial, done, own, place)
+            trial, bobs = (part[name][span] for name in ("trial", "completed"))
+            yield _CellRows(int(cell), trial, bobs, own, place)
 
 
 def statistics(plan: CampaignPlan, folder: Folder, done: BoolArray) -> Statistics:

@@ -71,7 +71,7 @@ def _chosen(
     if (policy is None) == (controller is None):
         raise ValueError("give either a policy, or a controller with its task")
     if controller is not None:
-        keywords = env_of_task(task) | env
+        keywords = {**env_of_task(task), **env}
         return rl.reference_controller(controller, keywords), keywords, {}
     loaded = find_policy(str(policy))
     digest = _files.sha256(Path(policy_path(str(policy))))

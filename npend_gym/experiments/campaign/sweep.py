@@ -6,7 +6,7 @@ import inspect
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from importlib import import_module
@@ -146,7 +146,7 @@ class SweepPlan(Plan):
     def _as_column(self, name: str, value: Any) -> Any:
         """Return a parameter's value as all parts of the campaign have it."""
         values = self._swept[name]
-        kinds = {bool if isinstance(each, bool) else type(each) for each in values}
+        kinds: set[type[Any]] = {type(each) for each in values}
         if kinds <= {int, float}:
             return pa.scalar(float(value) if float in kinds else value)
         if len(kinds - {type(None)}) == 1 and kinds.isdisjoint({list, dict}):
@@ -216,50 +216,44 @@ def function_of(study: str) -> Callable[..., Any]:
 
 
 def as_table(result: Any) -> Any:
-    """Return what a function returned as a table of pyarrow.
-
-    Raises
-    ------
-    TypeError
-        If it is no table.
-    """
+    """Return what a function returned as a table of pyarrow; raise a TypeError where it is none."""
+    shown = _checks.show(result)
     if isinstance(result, pa.Table) or hasattr(result, "__arrow_c_stream__"):
         return pa.table(result)
-    if isinstance(result, Mapping):
-        given = cast("Mapping[str, Any]", result)
-        if any(np.ndim(value) > 0 for value in given.values()):
-            return pa.table({name: np.asarray(value) for name, value in given.items()})
-        result = [given]
-    if not isinstance(result, Sequence) or not all(isinstance(one, Mapping) for one in result):  # pyright: ignore[reportUnknownVariableType]
+    rows: list[Any] = list(result) if isinstance(result, (list, tuple)) else [result]  # pyright: ignore[reportUnknownArgumentType]
+    if not all(isinstance(one, Mapping) for one in rows):
         raise TypeError(
             "a study must return columns by name, a row, rows, or a table of pyarrow, pandas or "
-            f"Polars; got {_checks.show(result)}"
+            f"Polars; got {shown}"
         )
-    rows = cast("Sequence[Mapping[str, Any]]", result)
-    names: Iterable[str] = dict.fromkeys(name for row in rows for name in row)
+    if isinstance(result, Mapping) and any(np.ndim(value) for value in rows[0].values()):
+        return pa.table({name: np.asarray(value) for name, value in rows[0].items()})
+    names = dict.fromkeys(name for row in rows for name in row)
     return pa.table({name: [_item(row.get(name)) for row in rows] for name in names})
 
 
 def _item(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+    return cast("Any", value).item() if isinstance(value, np.generic) else value
 
 
 def _plain(name: str, value: Any) -> Any:
     """Return a parameter as JSON has it: numbers, texts, lists and dicts."""
-    if isinstance(value, (range, tuple, np.ndarray)):
-        value = list(value)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
-    if isinstance(value, list) and not 0 < len(value) <= MAX_VALUES:  # pyright: ignore[reportUnknownArgumentType]
-        raise ValueError(f"{name} must name 1 to {MAX_VALUES} values, got {len(value)}")  # pyright: ignore[reportUnknownArgumentType]
     try:
-        text = json.dumps(value, allow_nan=False, default=lambda one: np.asarray(one).tolist())
+        text = json.dumps(
+            list(value) if isinstance(value, range) else value,
+            allow_nan=False,
+            default=lambda one: np.asarray(one).tolist(),
+        )
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"{name} must be numbers, texts, lists and names with values: {error}; got "
             f"{_checks.show(value)}"
         ) from error
-    plain = json.loads(text)
+    plain: Any = json.loads(text)
     if isinstance(plain, list):
-        written = [json.dumps(each) for each in plain]  # pyright: ignore[reportUnknownVariableType]
+        written: list[str] = [json.dumps(each) for each in cast("list[Any]", plain)]
+        if not 0 < len(written) <= MAX_VALUES:
+            raise ValueError(f"{name} must name 1 to {MAX_VALUES} values, got {len(written)}")
         if len({*written}) < len(written):
             raise ValueError(f"{name} must name each value once, got {_checks.show(value)}")
-    return plain
+    return cast("Any", plain)
