@@ -180,7 +180,7 @@ def manifest(
     *,
     complete: bool,
 ) -> dict[str, Any]:
-    """Return what a manifest says: what made the files that have these digests."""
+    """Return a manifest: what made the files that have these digests."""
     return {
         "experiment": experiment,
         "complete": complete,

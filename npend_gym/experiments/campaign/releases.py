@@ -117,7 +117,7 @@ def _nullable(values: FloatArray) -> Any:
 
 
 def cells_table(plan: CampaignPlan) -> Any:
-    """Return what every cell number stands for, with the models' periods [s]."""
+    """Return a table of the cells: the values of each, with the models' periods [s]."""
     cells = [plan.cell(index) for index in range(plan.cells)]
     known: dict[Any, dict[str, Any]] = {}
     chains: list[dict[str, Any]] = []

@@ -216,7 +216,7 @@ def function_of(study: str) -> Callable[..., Any]:
 
 
 def as_table(result: Any) -> Any:
-    """Return what a function returned as a table of pyarrow; raise a TypeError where it is none."""
+    """Return the result of a study as a table of pyarrow; raise a TypeError where it is none."""
     shown = _checks.show(result)
     if isinstance(result, pa.Table) or hasattr(result, "__arrow_c_stream__"):
         return pa.table(result)
