@@ -218,6 +218,13 @@ def test_on_s3_whose_requests_fail_or_arrive_twice_the_bytes_are_those_of_the_di
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("bucket")
+def test_a_bucket_that_does_not_exist_is_an_error_with_its_name():
+    with pytest.raises(DiskError, match=r"s3://nowhere/out cannot be written to: .*bucket"):
+        Campaign(PLAN, "s3://nowhere/out").__enter__()
+
+
+@pytest.mark.long
 def test_two_drivers_of_one_share_on_s3_at_the_same_time_write_the_bytes_of_one(bucket, on_disk):
     url, _ = bucket
     errors = []

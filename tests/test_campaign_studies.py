@@ -247,6 +247,22 @@ def test_a_merge_has_all_rows_in_order_and_the_same_bytes_whatever_the_shards(la
     assert pq.read_table(lab / "one" / "rows.parquet").equals(rows(lab / "one"))
 
 
+def test_a_damaged_copy_beside_a_part_is_not_read(lab):
+    plan = SweepPlan("lab:swing", {"gain": [1, 2]}, trials=3)
+    completed(plan, lab / "out")
+    part = min((lab / "out" / "rows" / "0000").iterdir())
+    for folder in (part.parent, part.parent.with_name("0001")):
+        folder.mkdir(exist_ok=True)
+        copy = folder / f"{part.name[:8]}0123456789abcdef.parquet"
+        copy.write_bytes(part.read_bytes()[:-1])
+    assert [row["count"] for row in analyse(lab / "out").rows] == [9] * 4
+    assert main(["campaign", "--merge", str(lab / "out")]) == 0
+    assert pq.read_table(lab / "out" / "rows.parquet").num_rows == 18
+    with Campaign(None, lab / "out") as campaign:
+        assert (campaign.status.damaged, campaign.status.leftovers) == (1, 1)
+    assert len(parts(lab / "out")) == 6
+
+
 def test_the_number_of_pendulums_is_a_column_of_every_table_of_releases(tmp_path):
     plan = CampaignPlan(n=[2, 3], trials=3)
     completed(plan, tmp_path)

@@ -93,6 +93,8 @@ def run(
     from npend_gym.experiments.campaign.plan_file import read_plan_file
     from npend_gym.experiments.campaign.sweep import plan_of
 
+    if status is not None and merge is not None:
+        raise ValueError("--merge must be left out with --status")
     if status is not None or merge is not None:
         return _look(status, merge)
     if out is None:

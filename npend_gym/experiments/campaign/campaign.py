@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Generator, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -250,11 +251,18 @@ def _share(plan: Plan, group: str, shard: tuple[int, int]) -> range:
 
 def parts_of(plan: Plan, folder: Folder, table: str, done: BoolArray) -> Iterator[tuple[Task, str]]:
     """Yield tasks that are done, with the part of a table, in the order of the plan."""
-    for group in range(-(-plan.task_count // GROUP)):
-        for name in folder.names(f"{table}/{group_name(group)}/"):
-            part = _PART.fullmatch(name.rpartition("/")[2])
-            if part and int(part[1]) < plan.task_count and done[int(part[1])]:
-                yield plan.task(int(part[1])), name
+    for group in map(group_name, range(-(-plan.task_count // GROUP))):
+        found: dict[int, list[str]] = {}
+        for name in folder.names(f"{table}/{group}/"):
+            found.setdefault(_index(name), []).append(name)
+        for index in _share(plan, group, (1, 1)):
+            if done[index]:
+                names = found.get(index, [])
+                whole = (one for one in names if folder.read_part(plan.digest, one) is not None)
+                name = names[0] if len(names) == 1 else next(whole, None)
+                if name is None:
+                    raise ValueError(f"a part of task {index} has been removed from {folder}")
+                yield plan.task(index), name
 
 
 def _text(folder: Folder, name: str) -> str:
@@ -352,7 +360,8 @@ class Campaign:
             self._prepare()
         except OSError as error:
             self._unlock()
-            raise DiskError(f"{self.out} cannot be written to: {error.strerror}") from error
+            reason = error.strerror or error
+            raise DiskError(f"{self.out} cannot be written to: {reason}") from error
         except BaseException:
             self._unlock()
             raise
@@ -378,11 +387,12 @@ class Campaign:
             self._locks.pop().release()
 
     def _prepare(self) -> None:
-        present = read_plan(self.folder, self.plan)  # another driver may have written it by now
-        code = (present or self.plan).check_code()
-        if present is None:
-            self.folder.create(PLAN, _plan_text(self.plan, code).encode())
-        self.plan = present or self.plan
+        if read_plan(self.folder, self.plan) is None:  # no other driver has written it by now
+            text = _plan_text(self.plan, self.plan.check_code())
+            with suppress(FileExistsError):
+                self.folder.create(PLAN, text.encode())
+        self.plan = read_plan(self.folder, self.plan) or self.plan
+        self.plan.check_code()
         cells = self.plan.describe_cells()
         if cells is not None:
             about = provenance({"plan": self.plan.digest}, self.plan.seed)
