@@ -92,6 +92,8 @@ ELSEWHERE = {  # why a command is not run here
     "drive1.csv": "the recordings are a reader's own",
     "rec.csv": "the recording is a reader's own",
     "--around": "the fit is a reader's own; tests/test_rl_training.py reads one",
+    "benchmark models": "the models are a reader's own; tests/test_rl_benchmark.py has some",
+    "benchmarks/leaderboard": "they are in a clone; tests/test_leaderboard.py checks them",
     "my-swing-up/": "the policy is a reader's own",
 }
 FEW_ROUNDS = '--set rounds=3 --set num_envs=32 --set updates=20 --set errors={"delay":1.0}'
@@ -100,6 +102,7 @@ SHORTER = {  # with less of what takes minutes
     "npend train balance-2-robust": FEW_ROUNDS,
     "npend train": "--set total_timesteps=4096",
     "npend evaluate": "--episodes 4",
+    "npend benchmark": "--episodes 4",
     "npend chaos map": "--size 60",
     "npend simulate": "--duration 2",
     "python examples/evaluate.py --controller plan": "--task swingup-1 --episodes 2 --seconds 1",

@@ -52,6 +52,21 @@ def test_the_citation_says_what_the_package_says_of_itself():
     assert [one["name"] for one in CITATION["authors"]] == [a["name"] for a in PROJECT["authors"]]
 
 
+def test_the_bibtex_of_the_pages_is_what_the_citation_says():
+    page = (ROOT / "docs" / "index.md").read_text("utf-8")
+    entry = re.search(r"```bibtex\n@software\{npend_gym,\n(.*?)\n\}\n```", page, re.DOTALL)
+    said = dict(re.findall(r"^  (\w+) = \{(.*)\},?$", entry[1], re.MULTILINE))
+    year = re.search(r"Copyright \(c\) (\d+)", (ROOT / "LICENSE").read_text("utf-8"))[1]
+    archived = {one["type"]: one["value"] for one in CITATION.get("identifiers", [])}
+    assert said == archived | {
+        "author": "{" + " and ".join(one["name"] for one in CITATION["authors"]) + "}",
+        "title": CITATION["title"],
+        "version": CITATION["version"],
+        "license": CITATION["license"],
+        "year": year,
+    }
+
+
 def test_pages_say_how_many_rods_the_policies_swing_up():
     counted = "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"
     found = [re.fullmatch(r"swingup-(\d+)(-cart)?", name) for name in pretrained_names()]

@@ -434,6 +434,6 @@ def test_the_motion_with_which_predictions_are_compared_is_finer_than_their_boun
 
     coarse, fine = (
         simulate(config.chain, theta, 0.0, times, rtol=rtol, atol=0.1 * rtol).theta
-        for rtol in (10.0 * play._FINE["rtol"], play._FINE["rtol"])
+        for rtol in (10.0 * play.FINE[0], play.FINE[0])
     )
     assert abs(coarse - fine).max() < 1e-3 * play.VALID

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
+from scipy.stats import mannwhitneyu
 
-from npend_gym.rl import bootstrap_interval, interquartile_mean, performance_profile
+from npend_gym.rl import (
+    bootstrap_interval,
+    interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+)
 
 
 def test_the_interquartile_mean_leaves_out_the_best_and_the_worst_quarter():
@@ -67,6 +73,20 @@ def test_scores_of_another_shape_or_not_finite_are_refused_by_name(scores):
 def test_arguments_of_the_interval_are_refused_by_name(keywords, message):
     with pytest.raises(ValueError, match=message):
         bootstrap_interval([[1.0, 2.0]], **keywords)
+
+
+def test_the_probability_of_improvement_is_the_mean_of_mann_whitneys_u_over_the_tasks():
+    rng = np.random.default_rng(2)
+    scores, others = rng.integers(0, 5, (9, 3)) / 4.0, rng.integers(0, 5, (6, 3)) / 4.0  # with ties
+    tests = [mannwhitneyu(own, their) for own, their in zip(scores.T, others.T, strict=True)]
+    expected = np.mean([each.statistic / 54.0 for each in tests])
+    found = probability_of_improvement(scores, others)
+    assert found == pytest.approx(expected, rel=1e-12)
+    assert probability_of_improvement(others, scores) == pytest.approx(1.0 - found, rel=1e-12)
+    low, high = bootstrap_interval(scores, probability_of_improvement, others=others, resamples=200)
+    assert low < found < high
+    with pytest.raises(ValueError, match="others must have the 3 tasks of scores, got 2"):
+        probability_of_improvement(scores, others[:, :2])
 
 
 @pytest.mark.parametrize("thresholds", [0.5, [[0.5], [0.9]]])

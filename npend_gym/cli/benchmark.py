@@ -1,8 +1,8 @@
 """Play the tasks of a suite, write every episode, compare algorithms, check results of others.
 
 MODEL is "pretrained", "reference" or "random", or a folder with a file for each task, such as
-swingup-2.zip or swingup-2.onnx, or with such a folder for each seed of the training. It can be a
-function for all tasks, too: file.py:name. See docs/howto/benchmark.md.
+swingup-2.zip or swingup-2.onnx. Several seeds of a training have such a folder each, named 0, 1 and
+so on. MODEL can be a function for all tasks, too: file.py:name. See docs/howto/benchmark.md.
 
 Examples
 --------
@@ -118,6 +118,8 @@ def run(
 
 
 def _print(runs: Sequence[Any], rows: Sequence[dict[str, Any]]) -> None:
+    from npend_gym.rl.benchmarking.comparison import PROFILE
+
     for each in runs:
         print(f"{each.name}, run {each.run}: {each.suite}, mean score {each.score:.3f}")
         for task, score in each.scores.items():
@@ -136,6 +138,10 @@ def _print(runs: Sequence[Any], rows: Sequence[dict[str, Any]]) -> None:
             f"{row['name']:20}{row['runs']:4}{row['tasks']:6}{row['mean']:6.3f}{row['iqm']:6.3f}"
             f"   {interval:27}{better}"
         )
+    if rows:
+        print("\nshare of runs and tasks with a score above " + ", ".join(map(str, PROFILE)))
+    for row in rows:
+        print(f"{row['name']:20}" + "".join(f"{share:7.2f}" for share in row["profile"]))
 
 
 def _checked(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -85,9 +85,10 @@ def check_benchmark(
     said, complaints = found.record["model"].get("sha256"), list[str]()
     if said != (dict(sha256) if sha256 else None):
         complaints.append("the files of the models are others than in the result, by their SHA-256")
-    own = {each: model[each] for each in found.episodes if each in model} if isinstance(
-        model, Mapping
-    ) else dict.fromkeys(found.episodes, model)  # fmt: skip
+    given: dict[str, Any] = dict.fromkeys(found.episodes, model)
+    if isinstance(model, Mapping):
+        given = dict(cast("Mapping[str, Any]", model))
+    own = {task: given[task] for task in found.episodes if task in given}
     if absent := [task for task in found.episodes if task not in own]:
         complaints.append(f"there is no model for {', '.join(absent)}")
     counts = {columns["score"].size for columns in found.episodes.values()}

@@ -19,7 +19,7 @@ from npend_gym.rl.evaluation.statistics import (
 )
 
 FEW = 3  # runs, with fewer of which an interval of runs says nothing
-_PROFILE = 0.0, 0.25, 0.5, 0.75, 0.95  # scores
+PROFILE = 0.0, 0.25, 0.5, 0.75, 0.95  # scores
 
 
 def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[dict[str, Any]]:
@@ -35,12 +35,13 @@ def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[
     Returns
     -------
     list of dict
-        For each algorithm "name", "runs", "tasks" (number of those that were run), "mean" and
-        "iqm" (interquartile mean) of the scores, "low" and "high" (95 %), "over" ("runs" or
-        "episodes", which were resampled within each task; episodes of fewer than three runs),
-        "improvement" with "improvement_low" and "improvement_high" (that a run, or else an
-        episode, scores more than one of `against`), and "profile" (the share of runs and tasks
-        that score more than 0, 0.25, 0.5, 0.75 and 0.95). A task that was not run scores 0.
+        For each algorithm its "name", and the numbers of its "runs" and of the "tasks" that it
+        played. A task that was not run scores 0. "mean" and "iqm" (interquartile mean) are of the
+        scores, with 95 % from "low" to "high". "over" says what was resampled within each task:
+        "runs", or "episodes" of fewer than three runs. "improvement" is the probability that a run,
+        or else an episode, scores more than one of `against`. It has an interval, too:
+        "improvement_low" and "improvement_high". "profile" is the share of runs and tasks that
+        score more than each number of `PROFILE`.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[
 def _compared(
     name: str, own: Sequence[BenchmarkRun], other: Sequence[BenchmarkRun]
 ) -> dict[str, Any]:
-    by_task = np.array([list(each.scores.values()) for each in own])
+    by_task = _scores(own)
     few = len(own) < FEW
     units = _episodes(own) if few else by_task
     low, high = bootstrap_interval(units, _of_means if few else interquartile_mean)
@@ -88,7 +89,7 @@ def _compared(
         "improvement": probability_of_improvement(*pair),
         "improvement_low": chance[0],
         "improvement_high": chance[1],
-        "profile": performance_profile(by_task, _PROFILE).tolist(),
+        "profile": performance_profile(by_task, PROFILE).tolist(),
     }
 
 
@@ -102,14 +103,15 @@ def _episodes(runs: Sequence[BenchmarkRun]) -> FloatArray:
     sizes = {columns["score"].size for each in runs for columns in each.episodes.values()}
     if len(sizes) > 1:
         raise ValueError(f"runs must have as many episodes in each task, got {sorted(sizes)}")
-    nothing = np.zeros(*sizes)
-    return np.concatenate([
-        np.stack([
+    nothing: FloatArray = np.zeros(max(sizes, default=1))
+    by_run: list[list[FloatArray]] = [
+        [
             each.episodes[task]["score"] if task in each.episodes else nothing
             for task in tasks_of(each.suite)
-        ], axis=1)
+        ]
         for each in runs
-    ])  # fmt: skip
+    ]
+    return np.concatenate([np.stack(columns, axis=1) for columns in by_run])
 
 
 def _of_means(scores: FloatArray) -> float:

@@ -7,6 +7,7 @@ from contextlib import closing, contextmanager
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -18,7 +19,7 @@ from npend_gym.rl.evaluation.seeds import HELD_OUT, MAX_SEED
 from npend_gym.rl.evaluation.settings import setting_of
 
 VALID = 0.1  # rad: a prediction is valid up to the first angle that is further from the motion
-_FINE = {"rtol": 1e-12, "atol": 1e-13}  # of the motion with which predictions are compared
+FINE = 1e-12, 1e-13  # rtol and atol of the motion with which predictions are compared
 _MAY_CHOOSE = "observation", "observe_velocities"
 
 
@@ -80,12 +81,11 @@ def benchmark(
     tasks = tasks_of(suite)
     _checks.count("episodes", episodes, high=EPISODES)
     _checks.count("run", run, low=0, high=MAX_SEED)
-    models: Mapping[str, Any] = (
-        cast("Mapping[str, Any]", model)
-        if isinstance(model, Mapping)
-        else dict.fromkeys(tasks, model)
-    )
-    if not models or (unknown := [each for each in models if each not in tasks]):
+    models: dict[str, Any] = dict.fromkeys(tasks, model)
+    if is_mapping := isinstance(model, Mapping):
+        models = dict(cast("Mapping[str, Any]", model))
+    unknown = [each for each in models if each not in tasks]
+    if unknown or not models:
         named = ", ".join(tasks)
         raise ValueError(
             f"model must be for tasks of the suite {suite!r}, which are {named}; got "
@@ -94,11 +94,9 @@ def benchmark(
     play = _predicted if suite == "release" else _controlled
     found: dict[str, dict[str, FloatArray]] = {}
     for task in progress([each for each in tasks if each in models]):
-        with _naming(
-            task, "" if model is models else "; give a mapping from tasks to their models"
-        ):
+        with _naming(task, "" if is_mapping else "; give a mapping from tasks to their models"):
             found[task] = play(models[task], tasks[task], episodes)
-    made = check_name(name or type(model).__name__)
+    made = check_name(name or type(cast("object", model)).__name__)
     return BenchmarkRun(made, suite, run, found, made_record(source or {}, about or {}))
 
 
@@ -138,18 +136,18 @@ def _predicted(model: Any, task: BenchmarkTask, episodes: int) -> dict[str, Floa
     setting = setting_of(task.env)
     envs = setting.make(episodes)
     with closing(envs):
-        config, steps = envs.unwrapped.config, envs.unwrapped.max_episode_steps
+        config, steps = setting.config, int(envs.unwrapped.max_episode_steps)
         _, info = envs.reset(seed=HELD_OUT)
         theta, omega = info["theta"].copy(), info["omega"].copy()
     times = config.dt * np.arange(steps + 1)
-    motion = simulate(config.chain, theta, omega, times, **_FINE).theta
+    motion = simulate(config.chain, theta, omega, times, rtol=FINE[0], atol=FINE[1]).theta
     found = np.asarray(model(config.chain, theta.copy(), omega.copy(), times.copy()))
     if found.shape != motion.shape or found.dtype.kind != "f":
         raise ValueError(
             f"it must return angles of the shape {motion.shape}, got {found.dtype} {found.shape}"
         )
     wrong = ~(np.abs(found - motion).max(axis=2) <= VALID)  # NaN is wrong
-    first = np.where(wrong.any(axis=1), wrong.argmax(axis=1), steps + 1)
+    first: NDArray[np.int64] = np.where(wrong.any(axis=1), wrong.argmax(axis=1), steps + 1)
     valid = np.maximum(first - 1, 0) / steps
     nothing = np.zeros(episodes)
     return {

@@ -10,7 +10,7 @@ from npend_gym import _checks
 
 EPISODES = 100
 # Of sensors like those of a bench: noise of encoders and of their velocities, one step late
-_OF_A_BENCH = {"angle_noise": 0.01, "velocity_noise": 0.1, "observation_delay": 1.0}
+_OF_A_BENCH: dict[str, Any] = {"angle_noise": 0.01, "velocity_noise": 0.1, "observation_delay": 1.0}
 
 
 class BenchmarkTask(NamedTuple):

@@ -246,7 +246,7 @@ class Network:
             for each in training:
                 each.training = False
             with torch.no_grad(), _most_likely(module):
-                found = module(torch.as_tensor(observation).to(like))
+                found: Any = module(torch.as_tensor(observation).to(like))
         except RuntimeError as error:
             raise ValueError(
                 "model must take observations of the environment, of the shape "
@@ -256,8 +256,9 @@ class Network:
         finally:
             for each in training:
                 each.training = True
-        if isinstance(found, tuple) and "action" in getattr(module, "out_keys", ()):
-            found = found[module.out_keys.index("action")]
+        keys: list[Any] = list(getattr(module, "out_keys", ()))
+        if "action" in keys and len(keys) > 1:
+            found = found[keys.index("action")]
         if not isinstance(found, torch.Tensor):
             raise TypeError(
                 "model must return a tensor of actions, got "

@@ -1,0 +1,43 @@
+"""The leaderboard: its page is what its files say, and its files are what the models do."""
+
+import importlib.util
+
+import pytest
+from test_examples import ROOT
+
+from npend_gym.cli import main
+from npend_gym.rl import read_benchmarks
+
+RESULTS = ROOT / "benchmarks" / "leaderboard"
+
+
+def script():
+    spec = importlib.util.spec_from_file_location("leaderboard", ROOT / "docs" / "leaderboard.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_of_the_leaderboard_is_what_docs_leaderboard_writes():
+    made = script()
+    text = made.PAGE.read_text("utf-8")
+    assert made.with_tables(text) == text, "python docs/leaderboard.py"
+
+
+def test_every_result_is_complete_and_has_the_name_of_its_file():
+    runs = read_benchmarks([RESULTS])
+    assert {f"{each.name}-{each.suite}-{each.run}.json" for each in runs} == {
+        path.name for path in RESULTS.glob("*.json")
+    }
+    assert all(each.complete for each in runs)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "file", ["pretrained-core-0", "random-core-0", "random-hard-0", "reference-release-0"]
+)
+def test_a_result_of_the_leaderboard_is_what_its_models_do(file, capsys):
+    # networks round otherwise on another processor, which a chaotic episode may notice
+    arguments = ["benchmark", "--check", str(RESULTS / f"{file}.json"), "--tolerance", "0.05"]
+    assert main(arguments) == 0
+    assert "accepted" in capsys.readouterr().out
