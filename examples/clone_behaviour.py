@@ -1,6 +1,6 @@
 """Behaviour cloning: a network learns the actions of a data set, and is evaluated.
 
-python examples/make_dataset.py medium --n 2
+npend dataset swingup-2 --kind medium
 python examples/clone_behaviour.py npend/swingup-2/medium-v0
 """
 

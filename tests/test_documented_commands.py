@@ -71,7 +71,7 @@ ELSEWHERE = {  # why a command is not run here
     "train_rllib": "Ray has an environment of its own",
     "train_skrl": "skrl, too",
     "train_tianshou": "Tianshou, too",
-    "make_dataset": "Minari, too",
+    "npend dataset": "Minari, too",
     "clone_behaviour": "Minari, too",
     "--address": "it needs a cluster",
     "--only gpu": "it needs a GPU",

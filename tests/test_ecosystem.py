@@ -10,6 +10,7 @@ from scripts import run_script
 from test_examples import ROOT
 
 import npend_gym  # noqa: F401 - registers the environments
+from npend_gym.cli import main
 from npend_gym.rl import Policy
 
 IDS = [name for name, spec in gym.registry.items() if "npend_gym:" in str(spec.entry_point)]
@@ -71,75 +72,116 @@ def test_minari_recovers_the_environment_of_a_dataset(env_id, tmp_path, monkeypa
         np.testing.assert_array_equal(replayed, observations)
 
 
+def dataset_of(*words, capsys):
+    """Return the id of the data set that `npend dataset` writes."""
+    assert main(["dataset", *map(str, words)]) == 0
+    return capsys.readouterr().out.split(":")[0]
+
+
+KINDS = [
+    ("swingup-3", "expert"), ("swingup-2", "medium"), ("balance-2", "random"),
+    ("release-2", "free"), ("swingup-2", "robust"), ("balance-2-cart", "medium"),
+    ("swingup-5", "expert"),
+]  # fmt: skip
+
+
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("kind", [("expert", "--n", 3), ("medium",), ("random",), ("release",)])
-def test_episodes_of_a_minari_dataset_are_played_again_to_the_last_bit(kind, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("task", "kind"), KINDS)
+def test_episodes_of_a_minari_dataset_are_played_again_to_the_last_bit(
+    task, kind, tmp_path, monkeypatch, capsys
+):
     minari = pytest.importorskip("minari")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    script = ROOT / "examples" / "make_dataset.py"
-    printed = run_script(script, *kind, "--episodes", 3, "--seed", 5, cwd=tmp_path)
-    dataset = minari.load_dataset(printed.split(":")[0])
+    name = dataset_of(task, "--kind", kind, "--episodes", 3, "--seed", 5, capsys=capsys)
+    assert name == f"npend/{task}/{kind}-v0"
+    dataset = minari.load_dataset(name)
     env = dataset.recover_environment()
+    chains = set()
+    kept = list(dataset.storage.get_episode_metadata(dataset.episode_indices))
+    assert [each["seed"] for each in kept] == [5, 6, 7]
     for seed, episode in enumerate(dataset, 5):
-        shown, rewards = [env.reset(seed=seed)[0]], []
+        observation, info = env.reset(seed=seed)
+        shown, rewards, states = [observation], [], [info]
         for action in episode.actions:
-            observation, reward, *ends, _ = env.step(action)
+            observation, reward, *ends, info = env.step(action)
             shown.append(observation)
             rewards.append(reward)
-        assert ends == [episode.terminations[-1], episode.truncations[-1]] == [False, True]
+            states.append(info)
+        assert ends == [episode.terminations[-1], episode.truncations[-1]]
+        assert any(ends)
         np.testing.assert_array_equal(shown, episode.observations)
         np.testing.assert_array_equal(rewards, episode.rewards)
-
-
-def test_the_script_of_data_sets_shows_its_help_without_minari(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "minari", None)
-    with pytest.raises(SystemExit) as ends:
-        run_script(ROOT / "examples" / "make_dataset.py", "--help", cwd=tmp_path)
-    assert ends.value.code == 0
+        for key, values in episode.infos.items():
+            np.testing.assert_array_equal([each[key] for each in states], values)
+        assert {"theta", "omega", "success"} <= set(episode.infos)
+        chains.add(str(episode.infos["context"][0]) if kind == "robust" else "")
+    assert len(chains) == (3 if kind == "robust" else 1)
+    card = dataset.storage.metadata["description"]
+    assert f"Task {task} of npend_gym" in card
+    assert "seeds 5 to 7" in card
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_data_sets_that_exist_or_cannot_be_cloned_are_refused(tmp_path, monkeypatch, capsys):
+def test_data_sets_that_exist_or_cannot_be_made_or_cloned_are_refused(
+    tmp_path, monkeypatch, capsys
+):
     pytest.importorskip("minari")
-    pytest.importorskip("torch")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    make = ROOT / "examples" / "make_dataset.py", "release", "--episodes"
-    run_script(*make, 2, cwd=tmp_path)
-    clone = ROOT / "examples" / "clone_behaviour.py"
-    for script, message in (
-        ((*make, 10**9), "`minari delete npend/release-2/free-v0` removes it"),
-        ((clone, "npend/release-2/free-v0"), "actions must be continuous, got Discrete"),
-        ((clone, "npend/none-v0"), "choose from"),
+    dataset_of("release-2", "--kind", "free", "--episodes", 2, capsys=capsys)
+    for words, message in (
+        (("release-2", "--kind", "free"), "`minari delete npend/release-2/free-v0` removes it"),
+        (("release-2",), 'kind must be "free" for release-2'),
+        (("swingup-2", "--kind", "free"), 'task must be like "release-5"'),
+        (("swingup-9",), "task must be one of"),
+        (("calm-1", "--kind", "robust"), "task must be one of calm-2"),
+        (("swingup-2", "--seed", 900_000), "seed must be between 0 and 899900"),
     ):
         with pytest.raises(SystemExit):
-            run_script(*script, cwd=tmp_path)
+            main(["dataset", *map(str, words)])
         assert message in capsys.readouterr().err
+    pytest.importorskip("torch")
+    for data, message in (
+        ("npend/release-2/free-v0", "actions must be continuous, got Discrete"),
+        ("npend/none-v0", "choose from"),
+    ):
+        with pytest.raises(SystemExit):
+            run_script(ROOT / "examples" / "clone_behaviour.py", data, cwd=tmp_path)
+        assert message in capsys.readouterr().err
+
+
+def test_data_sets_say_how_to_install_minari(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "minari", None)
+    assert main(["dataset", "swingup-2"]) == 1
+    assert 'pip install "minari[create]" pyarrow' in capsys.readouterr().err
 
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
-def test_a_data_set_of_transitions_keeps_its_plans(tmp_path, monkeypatch):
+def test_a_data_set_of_transitions_keeps_its_plans(tmp_path, monkeypatch, capsys):
     minari = pytest.importorskip("minari")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "sets"))
-    script = ROOT / "examples" / "make_dataset.py"
-    arguments = ["transitions", "--n", 1, "--episodes", 2, "--plans", "new/plans.npz"]
-    printed = run_script(script, *arguments, cwd=tmp_path)
+    plans = tmp_path / "new" / "plans.npz"
+    words = ["dataset", "transition-1", "--kind", "plans", "--episodes", "2", "--plans", str(plans)]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
     minari.delete_dataset("npend/transition-1/plans-v0")
-    written = (tmp_path / "new" / "plans.npz").stat().st_mtime_ns
-    assert run_script(script, *arguments, cwd=tmp_path) == printed  # by the same plans
-    assert (tmp_path / "new" / "plans.npz").stat().st_mtime_ns == written
+    capsys.readouterr()
+    written = plans.stat().st_mtime_ns
+    assert main(words) == 0
+    assert capsys.readouterr().out == printed  # by the same plans
+    assert plans.stat().st_mtime_ns == written
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_behaviour_is_cloned_from_a_minari_dataset(tmp_path, monkeypatch):
+def test_behaviour_is_cloned_from_a_minari_dataset(tmp_path, monkeypatch, capsys):
     minari = pytest.importorskip("minari")
     pytest.importorskip("torch")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     examples = ROOT / "examples"
     returns = {}
     for kind in ("random", "medium"):
-        run_script(examples / "make_dataset.py", kind, "--episodes", 30, cwd=tmp_path)
-        dataset = minari.load_dataset(f"npend/swingup-2/{kind}-v0")
+        name = dataset_of("swingup-2", "--kind", kind, "--episodes", 30, capsys=capsys)
+        dataset = minari.load_dataset(name)
         printed = run_script(examples / "clone_behaviour.py", dataset.id, 20, cwd=tmp_path)
         returns[kind] = float(printed.split("return ")[1])
     assert returns["medium"] > 300.0 > returns["random"]

@@ -32,7 +32,7 @@ from npend_gym.cli.options import add_options, tree
 
 COMMANDS = (
     "release", "simulate", "play", "campaign", "analyse", "chaos", "identify", "measure", "train",
-    "evaluate", "benchmark", "export", "examples", "verify", "compile",
+    "evaluate", "benchmark", "dataset", "export", "examples", "verify", "compile",
 )  # fmt: skip
 _REPLACED = "lengths", "masses", "centres", "gravity", "damping"  # by --chain
 _EXAMPLES = """\

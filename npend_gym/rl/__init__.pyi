@@ -20,6 +20,7 @@ from npend_gym.rl.controllers.regulators import lqr as lqr
 from npend_gym.rl.controllers.regulators import modal_damping as modal_damping
 from npend_gym.rl.controllers.transitions import PlannedTransitions as PlannedTransitions
 from npend_gym.rl.controllers.transitions import planned_transitions as planned_transitions
+from npend_gym.rl.datasets import write_dataset as write_dataset
 from npend_gym.rl.evaluation.criteria import CRITERIA as CRITERIA
 from npend_gym.rl.evaluation.criteria import Criterion as Criterion
 from npend_gym.rl.evaluation.criteria import Pushes as Pushes

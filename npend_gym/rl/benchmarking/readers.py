@@ -98,7 +98,7 @@ def read_model(
 
 
 def _imported(module: str, name: str) -> Any:
-    """Return what a module, or a file of Python, has under a name."""
+    """Return the object of this name in a module, or in a file of Python."""
     if module.endswith(".py"):
         spec = importlib.util.spec_from_file_location(Path(module).stem, module)
         if spec is None or spec.loader is None or not Path(module).is_file():

@@ -82,7 +82,7 @@ class BenchmarkRun:
         return all(each["score"].size == EPISODES for each in self.episodes.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what the JSON file says."""
+        """Return the content of the JSON file."""
         table = _table(self.episodes)
         tasks: dict[str, Any] = {}
         for task, columns in self.episodes.items():
