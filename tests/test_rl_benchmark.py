@@ -183,6 +183,9 @@ def forge(path, change):
         (lambda said: said.update(suite="easy"), "suite must be one of"),
         (lambda said: said.update(name="../x"), "name must have"),
         (lambda said: said.pop("model"), "it lacks 'model'"),
+        (lambda said: said.update(model=3), "model and about must be objects"),
+        (lambda said: said["about"].update(env_steps="many"), "env_steps must be an integer"),
+        (lambda said: said["about"].update(by="a | b"), "by must be a text"),
     ],
 )
 def test_a_file_whose_numbers_do_not_follow_from_its_episodes_is_refused(
@@ -329,6 +332,8 @@ def test_runs_of_several_suites_are_not_compared():
     release = rl.benchmark({"release-1": simulated}, "release", name="a", episodes=1)
     with pytest.raises(ValueError, match="runs must be of one suite, got core, release"):
         rl.compare_benchmarks([made_run("a", 0, np.ones(8)), release])
+    with pytest.raises(ValueError, match="runs of a must each have their own seed"):
+        rl.compare_benchmarks(2 * [made_run("a", 0, np.ones(8))])
     with pytest.raises(ValueError, match="runs must be of one suite, got none"):
         rl.compare_benchmarks([])
 

@@ -46,8 +46,8 @@ def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[
     Raises
     ------
     ValueError
-        If the runs are of several suites, if one has fewer episodes than another, or if there is
-        no algorithm `against`.
+        If the runs are of several suites, or two of one seed; if one has fewer episodes than
+        another; or if there is no algorithm `against`.
 
     Examples
     --------
@@ -63,6 +63,9 @@ def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[
     suites = {each.suite for group in groups.values() for each in group}
     if len(suites) != 1:
         raise ValueError(f"runs must be of one suite, got {', '.join(sorted(suites)) or 'none'}")
+    for name, group in groups.items():
+        if len({each.run for each in group}) < len(group):
+            raise ValueError(f"runs of {name} must each have their own seed, got one twice")
     other = _checks.choice("against", against or next(iter(groups)), tuple(groups))
     return [_compared(name, groups[name], groups[other]) for name in groups]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.physics import simulate
-from npend_gym.rl.benchmarking.results import BenchmarkRun, check_name, made_record
+from npend_gym.rl.benchmarking.results import BenchmarkRun, check_about, check_name, made_record
 from npend_gym.rl.benchmarking.suites import EPISODES, BenchmarkTask, tasks_of
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.evaluation.seeds import HELD_OUT, MAX_SEED
@@ -55,7 +55,7 @@ def benchmark(
     episodes : int
         Of each task. With fewer than 100 the result is not complete.
     about : mapping, optional
-        What readers should know of the training, such as ``{"steps": 1_000_000}``.
+        What readers should know of the training: "env_steps" of each task, and "by" whom.
     source : mapping, optional
         From where the models are, with the SHA-256 of their files.
     progress : callable
@@ -81,6 +81,8 @@ def benchmark(
     tasks = tasks_of(suite)
     _checks.count("episodes", episodes, high=EPISODES)
     _checks.count("run", run, low=0, high=MAX_SEED)
+    check_about(about or {})  # before what takes long
+    made = check_name(name or type(model).__name__)
     models: dict[str, Any] = dict.fromkeys(tasks, model)
     if is_mapping := isinstance(model, Mapping):
         models = dict(cast("Mapping[str, Any]", model))
@@ -96,7 +98,6 @@ def benchmark(
     for task in progress([each for each in tasks if each in models]):
         with _naming(task, "" if is_mapping else "; give a mapping from tasks to their models"):
             found[task] = play(models[task], tasks[task], episodes)
-    made = check_name(name or type(cast("object", model)).__name__)
     return BenchmarkRun(made, suite, run, found, made_record(source or {}, about or {}))
 
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -166,7 +166,7 @@ def _read(path: Path) -> BenchmarkRun:
             suite=suite,
             run=_checks.count("run", said.get("run"), low=0, high=MAX_SEED),
             episodes=_parse(table, suite),
-            record={key: said[key] for key in ("model", "about", "made_by")},
+            record=_record(said),
         )
         again = json.loads(json.dumps(run.as_dict()))
         wrong = [key for key in again if again[key] != said.get(key)]
@@ -180,6 +180,28 @@ def _read(path: Path) -> BenchmarkRun:
             f"{', '.join(wrong)} do not: write both with npend benchmark"
         )
     return run
+
+
+def _record(said: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of a file, which tables and checks read."""
+    record = {key: said[key] for key in ("model", "about", "made_by")}
+    model, about = record["model"], record["about"]
+    if not (isinstance(model, dict) and isinstance(about, dict)):
+        raise ValueError("model and about must be objects, names and values")
+    check_about(cast("Mapping[str, Any]", about))
+    return record
+
+
+def check_about(about: Mapping[str, Any]) -> None:
+    """Raise an error for what a table cannot show of a training."""
+    if "env_steps" in about:
+        _checks.count("env_steps", about["env_steps"], low=0)
+    by = about.get("by", "")
+    if not isinstance(by, str) or not re.fullmatch(r"[^|<>\[\]`\n\r]{0,100}", by):
+        raise ValueError(
+            "by must be a text of at most 100 characters, without |, <, >, [, ] and `, got "
+            f"{_checks.show(by)}"
+        )
 
 
 def check_name(value: Any) -> str:
