@@ -420,7 +420,7 @@ import inspect
 import numpy as np
 import pytest
 from npend_gym import NPendulumEnv, NPendulumVectorEnv
-from npend_gym.envs import EnvConfig, Info
+from npend_gym.envs import EnvConfig, Info, Sensors
 from npend_gym.physics import mass_matrix
 
 def both(lanes=LANES, **keywords):
@@ -457,6 +457,7 @@ env, (observation, *_, info), _ = both(angle_offset=0.25)
 assert np.allclose(observation[:2], info["theta"] + 0.25, atol=1e-6)
 assert np.allclose(observation[2:], info["omega"], atol=1e-6)
 assert EnvConfig(n=2).angle_offset == 0.0
+assert EnvConfig(n=2, sensors=Sensors(angle_offset=0.25)).angle_offset == 0.25
 assert inspect.signature(NPendulumVectorEnv).parameters["angle_offset"].default == 0.0
 assert "angle_offset : float\n        By how much the sensors show" in NPendulumEnv.__doc__
 assert env.get_state()["members"]["angle_offset"] == 0.25

@@ -12,4 +12,8 @@ from npend_gym.envs.progress import EnvInUse as EnvInUse
 from npend_gym.envs.progress import ResetNeeded as ResetNeeded
 from npend_gym.envs.registration import ENV_ID as ENV_ID
 from npend_gym.envs.single import NPendulumEnv as NPendulumEnv
+from npend_gym.envs.values import CartOnRail as CartOnRail
+from npend_gym.envs.values import Motors as Motors
+from npend_gym.envs.values import Randomize as Randomize
+from npend_gym.envs.values import Sensors as Sensors
 from npend_gym.envs.vector import NPendulumVectorEnv as NPendulumVectorEnv

@@ -32,9 +32,10 @@ from npend_gym.envs.keywords import (
     with_config_keywords,
 )
 from npend_gym.envs.modes import Mode, find_mode
-from npend_gym.envs.randomization import SETTINGS, Randomization, check_randomize
+from npend_gym.envs.randomization import Randomization, check_randomize
 from npend_gym.envs.rows import ANGLES, MAX_CART_ENTRY, SINCOS, Task
 from npend_gym.envs.settings import (
+    DRAWN,
     ERRORS_OF_MOTORS,
     FIELDS,
     HARDWARE,
@@ -44,6 +45,7 @@ from npend_gym.envs.settings import (
     Limit,
     Settings,
 )
+from npend_gym.envs.values import CartOnRail, Motors, Sensors, unfolded
 from npend_gym.physics.energy import sincos
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import (
@@ -109,8 +111,9 @@ class EnvConfig(Settings):
     action_table: FloatArray = field(init=False, repr=False)
     largest: Mapping[str, float] = field(init=False, repr=False)
 
-    def __init__(self, **keywords: Unpack[EnvKeywords]) -> None:
-        check_names(EnvConfig, keywords)
+    def __init__(self, **given_keywords: Unpack[EnvKeywords]) -> None:
+        check_names(EnvConfig, given_keywords)
+        keywords = unfolded(given_keywords)
         given: dict[str, Any] = DEFAULTS | keywords
         given |= {name: rule(name, given[name]) for name, rule in RULES.items()}
         chain = check_weight(described_chain(keywords))
@@ -120,7 +123,8 @@ class EnvConfig(Settings):
         if on_cart:
             own = Cart(given["cart_mass"], given["rail_damping"])
             chain = Chain.from_dict(chain.as_dict() | {"base": own})
-            given["actuated"] = keywords.get("actuated", ())
+        if given["actuated"] is None:
+            given["actuated"] = () if on_cart else (0,)
         joints = joints_of(given["actuated"], chain.n, least=0 if on_cart else 1)
         joints = () if mode.torque_share == 0.0 else (chain.n, *joints) if on_cart else joints
         given["dt"] = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
@@ -130,7 +134,7 @@ class EnvConfig(Settings):
         )
         given["spread"] = width_of_starts(given["spread"], mode, given["max_tilt"])
         given["max_torque"] = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
-        settings = {name: given[name] for name in SETTINGS if on_cart or name not in OF_CART}
+        settings = {name: given[name] for name in DRAWN if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
         largest = {name: random.ends(name, given[name])[1] for name in HARDWARE}
         motors = sum(joint < chain.n for joint in joints)
@@ -146,6 +150,7 @@ class EnvConfig(Settings):
                 _check_seconds(name, seconds, chain)
         check_success(mode, given["reward_type"])
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
+        given["difficulty"] = None  # the limits have it
         used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
         vars(self).update(used | {
             "mode": mode,
@@ -158,6 +163,22 @@ class EnvConfig(Settings):
             "action_table": action_table(given["torque_levels"], mode, len(joints)),
             "largest": largest,
         })  # fmt: skip
+
+    @property
+    def motors(self) -> Motors:
+        """The settings of the motors as one value."""
+        return Motors(**{each.name: getattr(self, each.name) for each in fields(Motors)})
+
+    @property
+    def sensors(self) -> Sensors:
+        """The settings of the sensors as one value."""
+        return Sensors(**{each.name: getattr(self, each.name) for each in fields(Sensors)})
+
+    @property
+    def cart(self) -> CartOnRail | None:
+        """The settings of the cart as one value; None without one."""
+        own = {each.name: getattr(self, each.name) for each in fields(CartOnRail)}
+        return CartOnRail(**own) if self.has_cart else None
 
     @property
     def n(self) -> int:

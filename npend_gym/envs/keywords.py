@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from numbers import Real
@@ -18,10 +17,17 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain, ChainParameters, as_chain
 from npend_gym.envs.modes import Mode, NearPose, described_modes
-from npend_gym.envs.settings import FIELDS, CartSettings, angle
+from npend_gym.envs.settings import (
+    FIELDS,
+    CartKeywords,
+    MotorKeywords,
+    SensorKeywords,
+    angle,
+)
+from npend_gym.envs.values import CartOnRail, Motors, Sensors, described
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
-CART_KEYWORDS = [each.name for each in fields(CartSettings) if each.name != "base"]
+CART_KEYWORDS = [each.name for each in fields(CartOnRail)]
 DIFFICULTIES = {"easy": 0.5, "medium": 0.2, "hard": 0.1}  # torque limit over the static torque
 MAX_ACTIONS = 65_536  # of a discrete action space
 
@@ -29,9 +35,7 @@ _Class = TypeVar("_Class", bound=type)
 _Weighed = TypeVar("_Weighed", Chain, ChainParameters)
 
 
-class EnvKeywords(TypedDict, total=False):
-    """The keywords that both environments take and `EnvConfig` describes."""
-
+class _FirstKeywords(TypedDict, total=False):
     n: int
     mode: str | Mode
     chain: Chain | Mapping[str, Any] | str | None
@@ -47,19 +51,14 @@ class EnvKeywords(TypedDict, total=False):
     friction_speed: ArrayLike
     armature: ArrayLike
     gear: ArrayLike
-    actuated: Sequence[int]
-    max_torque: float | None
-    difficulty: str | float | None
-    torque_levels: int | None
     base: str
-    cart_mass: float | None
-    rail: float | None
-    rail_damping: float
-    max_force: float | None
+
+
+class EnvKeywords(_FirstKeywords, MotorKeywords, CartKeywords, SensorKeywords, total=False):
+    """The keywords that both environments take and `EnvConfig` describes."""
+
     dt: float | None
     substeps: int | None
-    observation: str
-    observe_velocities: bool
     reward_type: str
     goal_env: bool
     max_tilt: float | None
@@ -67,21 +66,11 @@ class EnvKeywords(TypedDict, total=False):
     amplitude: float
     spread: float | None
     randomize: Mapping[str, Any] | None
-    observe_context: bool
-    angle_noise: float
-    velocity_noise: float
-    angle_resolution: float
-    velocity_resolution: float
-    observation_delay: float
-    action_delay: float
-    motor_lag: float
-    torque_noise: float
-    torque_ripple: float
-    ripple_cycles: int
-    push_rate: float
-    push_force: float
     render_size: int
     render_plain: bool
+    motors: Motors | Mapping[str, Any] | None
+    sensors: Sensors | Mapping[str, Any] | None
+    cart: CartOnRail | Mapping[str, Any] | None
 
 
 DEFAULTS: dict[str, Any] = {"n": 2, "masses": 1.0, "lengths": 1.0} | {
@@ -124,11 +113,7 @@ def _described(parameters: Sequence[inspect.Parameter]) -> Iterator[str]:
     yield f"    {', '.join(CHAIN_KEYWORDS)}\n        As in `npend_gym.Chain`."
     for each in parameters:
         if each.name in FIELDS:
-            about = FIELDS[each.name].metadata
-            choices = getattr(about["rule"], "keywords", {}).get("options")
-            kind = "{" + ", ".join(map(repr, choices)) + "}" if choices else each.annotation
-            text = textwrap.fill(about["text"], 88, break_on_hyphens=False)
-            yield f"    {each.name} : {kind}\n{textwrap.indent(text, 8 * ' ')}"
+            yield described(each.name, each.annotation)
 
 
 # What other packages call a keyword
@@ -301,13 +286,16 @@ def checked_cart(
         )
     if chain.base is None and given["base"] == "pivot":
         for name in CART_KEYWORDS:
-            if given[name] is not None and not np.array_equal(given[name], DEFAULTS[name]):
+            # an environment without a cart has a damping of 0, which `replace` gives again
+            none = given[name] is None or (name == "rail_damping" and given[name] == 0.0)
+            if not none:
                 raise ValueError(
                     f'{name} belongs to a cart: give base="cart" with it, or leave it out; '
                     f"got {_checks.show(given[name])}"
                 )
-        return {name: DEFAULTS[name] for name in CART_KEYWORDS}
+        return dict.fromkeys(CART_KEYWORDS) | {"rail_damping": 0.0}
     own = {"cart_mass": float(chain.masses.sum()), "rail": 2.0 * chain.total_length}
+    own["rail_damping"] = 0.0
     if chain.base is not None:
         own |= {"cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
     used = dict(given) | {k: value for k, value in own.items() if keywords.get(k) is None}

@@ -13,14 +13,12 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
 from npend_gym.envs.rows import Setting
-from npend_gym.envs.settings import COUNTED, OF_LANES
+from npend_gym.envs.settings import DRAWN
 from npend_gym.envs.starts import Draw, DrawFields
 from npend_gym.physics.kernels.laws import Parameter
 from npend_gym.physics.kernels.link_terms import count_terms
 
-# Numbers that belong to a sub-environment, beside those of its chain
-SETTINGS = [name for name in OF_LANES if name not in COUNTED]
-_ONE_NUMBER = ("gravity", *SETTINGS)
+_ONE_NUMBER = ("gravity", *DRAWN)
 # Of which less lets a chain turn or brake faster
 _ACTIVE_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
 
@@ -41,7 +39,7 @@ class Randomization(NamedTuple):
         return np.clip((context - middle) / np.where(half > 0.0, half, 1.0), -1.0, 1.0)
 
     def ends(self, name: str, value: float) -> tuple[float, float]:
-        """Return the ends of the range of one of `SETTINGS`, `value` twice without one."""
+        """Return the ends of the range of one of `DRAWN`, `value` twice without one."""
         if name not in self.names:
             return value, value
         row = self.draws[self.names.index(name)]
@@ -73,7 +71,7 @@ class Randomization(NamedTuple):
 def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> Randomization:
     """Check the keyword `randomize` and take it apart.
 
-    `settings` has the values that the environment is made with, of those of `SETTINGS` that it has.
+    `settings` has the values that the environment is made with, of those of `DRAWN` that it has.
     """
     nominal = chain.repeated(1)
     if given is None:

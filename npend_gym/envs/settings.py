@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, InitVar, dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from npend_gym import _checks
 from npend_gym.compiled.sincos import MAX_ANGLE
@@ -75,12 +76,28 @@ def _tilt(name: str, value: Any) -> float | None:
 _LATER = Limit(MAX_DELAY, "steps; make dt larger for a longer delay")
 
 
+class MotorKeywords(TypedDict, total=False):
+    """Types of the keywords of motors."""
+
+    actuated: Sequence[int] | None
+    max_torque: float | None
+    difficulty: str | float | None
+    torque_levels: int | None
+    action_delay: float
+    motor_lag: float
+    torque_noise: float
+    torque_ripple: float
+    ripple_cycles: int
+    push_rate: float
+    push_force: float
+
+
 @dataclass(frozen=True, eq=False, init=False)
 class MotorSettings:
     """What acts on the chain: its motors, their errors, and pushes."""
 
     actuated: Sequence[int] = keyword(
-        (0,),
+        None,
         "Joints with a motor, in the order of the action; joint 0 is the pivot. By default (0,), "
         "and on a cart none.",
     )
@@ -89,7 +106,7 @@ class MotorSettings:
         "Torque of the action 1 [N m]; by default the static torque times a factor of the mode.",
         of_lane=True,
     )
-    difficulty: InitVar[Any] = keyword(
+    difficulty: Any = keyword(
         None,
         'Instead of `max_torque`, the limit over the static torque: 0.5 for "easy", 0.2 for '
         '"medium", 0.1 for "hard", or this number. Instead of `max_force`, the limit over the '
@@ -128,17 +145,19 @@ class MotorSettings:
     )
 
 
+class CartKeywords(TypedDict, total=False):
+    """Types of the keywords of the cart."""
+
+    max_force: float | None
+    cart_mass: float | None
+    rail: float | None
+    rail_damping: float | None
+
+
 @dataclass(frozen=True, eq=False, init=False)
 class CartSettings:
     """The cart that carries the pivot."""
 
-    base: str = keyword(
-        "pivot",
-        "What the chain hangs from: a pivot at rest, or a cart on a horizontal rail. A chain that "
-        "has a cart of its own, ``Chain(..., base=Cart(mass))``, stands on that, and needs no "
-        "`base`.",
-        partial(_checks.choice, options=("pivot", "cart")),
-    )
     max_force: float | None = keyword(
         None,
         "Force of the action 1 on a cart [N]; by default the weight of cart and chain, on Earth "
@@ -156,8 +175,24 @@ class CartSettings:
         "chain.",
     )
     rail_damping: float = keyword(
-        0.0, "Viscous damping of the cart on its rail [N s/m].", of_lane=True
+        None,
+        "Viscous damping of the cart on its rail [N s/m]; by default that of the chain's own cart, "
+        "or else 0.",
+        of_lane=True,
     )
+
+
+class SensorKeywords(TypedDict, total=False):
+    """Types of the keywords of sensors."""
+
+    observation: str
+    observe_velocities: bool
+    observe_context: bool
+    angle_noise: float
+    velocity_noise: float
+    angle_resolution: float
+    velocity_resolution: float
+    observation_delay: float
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -234,6 +269,13 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         '"acrobot" (`npend_gym.chain.PRESETS`), or a JSON file with such a dict, "fit.json". '
         "Without it, `n` and the parameters of the chain describe one.",
     )
+    base: str = keyword(
+        "pivot",
+        "What the chain hangs from: a pivot at rest, or a cart on a horizontal rail. A chain that "
+        "has a cart of its own, ``Chain(..., base=Cart(mass))``, stands on that, and needs no "
+        "`base`.",
+        partial(_checks.choice, options=("pivot", "cart")),
+    )
     dt: float = keyword(None, "Time of a step [s]; by default that of the mode.")
     substeps: int | None = keyword(
         None,
@@ -275,12 +317,25 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         "What is drawn at every start of an episode, by the name of a parameter of the chain, or "
         'of a setting of motors, sensors or cart such as "max_torque": a pair (low, high) of '
         'factors, or {"low": ..., "high": ...} of values. Each end is a number or has an entry for '
-        'each rod. ``info["context"]`` has what was drawn.',
+        'each rod. ``info["context"]`` has what was drawn. `npend_gym.envs.Randomize` is the same '
+        "as a value.",
     )
 
 
-# With what only the making of a config takes, which `dataclasses.fields` leaves out
-FIELDS: dict[str, Field[Any]] = dict(Settings.__dataclass_fields__)
+# With values that hold several of them, which are no fields: `replace` would give both
+FIELDS: dict[str, Field[Any]] = Settings.__dataclass_fields__ | {
+    "motors": keyword(
+        None, "The keywords of motors as one value, `npend_gym.envs.Motors`, or the dict of it."
+    ),
+    "sensors": keyword(
+        None, "The keywords of sensors as one value, `npend_gym.envs.Sensors`, or the dict of it."
+    ),
+    "cart": keyword(
+        None,
+        "The keywords of a cart as one value, `npend_gym.envs.CartOnRail`, or the dict of it; "
+        '`base` is "cart" then.',
+    ),
+}
 RULES: dict[str, Rule] = {
     name: each.metadata["rule"] for name, each in FIELDS.items() if each.metadata["rule"]
 }
@@ -290,5 +345,6 @@ OF_CART = [each.name for each in fields(CartSettings) if each.name in OF_LANES]
 HARDWARE = [name for name in OF_LANES if name not in (*OF_CART, "max_torque")]
 OF_SENSORS = [each.name for each in fields(SensorSettings) if each.name in HARDWARE]
 COUNTED = ["ripple_cycles"]  # settings that nothing in between may be drawn of
+DRAWN = [name for name in OF_LANES if name not in COUNTED]  # what `randomize` may draw
 OF_PUSHES = ["push_rate", "push_force"]
 ERRORS_OF_MOTORS = [name for name in HARDWARE if name not in (*OF_SENSORS, *COUNTED, *OF_PUSHES)]

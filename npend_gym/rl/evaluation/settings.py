@@ -19,6 +19,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, EnvKeywords
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID, register_envs
+from npend_gym.envs.values import VALUES, unfolded
 from npend_gym.rl.evaluation.wrappers import changing_wrappers, layers_of
 
 EnvLike: TypeAlias = Any  # see `npend_gym.rl.evaluate`
@@ -171,7 +172,7 @@ def _no_setting(env: EnvLike) -> TypeError:
 
 def _without_making(keywords: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keywords of the environments, without those that an evaluation chooses itself."""
-    return {name: value for name, value in keywords.items() if name not in _OF_MAKING}
+    return {name: value for name, value in unfolded(keywords).items() if name not in _OF_MAKING}
 
 
 def _registered(env_id: str) -> str | EnvSpec:
@@ -201,7 +202,7 @@ def number_of_steps(name: str, seconds: Any, dt: float) -> int:
 
 def keywords_of(config: EnvConfig) -> dict[str, Any]:
     """Return the keywords of an environment of these settings."""
-    from_others = {*CHAIN_KEYWORDS, "n", "difficulty"}  # `chain` and `max_torque` hold them
+    from_others = {*CHAIN_KEYWORDS, "n", "difficulty", *VALUES}  # which other keywords hold
     return {k: getattr(config, k) for k in EnvKeywords.__annotations__ if k not in from_others}
 
 

@@ -13,8 +13,8 @@ from typing import Any
 from npend_gym import _checks
 from npend_gym.envs import EnvConfig, EnvKeywords, NPendulumVectorEnv
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, DEFAULTS, check_names
-from npend_gym.envs.settings import CartSettings
 from npend_gym.envs.starts import Draw
+from npend_gym.envs.values import CartOnRail, unfolded
 from npend_gym.rl.evaluation.settings import keywords_of
 
 # Those of a chain that is simulated without an environment, and of the start of its episodes
@@ -23,7 +23,7 @@ OF_CHAIN = (
     "observation", "amplitude", "spread",
 )  # fmt: skip
 # Those of a cart, for trainers that take one
-OF_CARTS = tuple(each.name for each in fields(CartSettings))
+OF_CARTS = ("base", *(each.name for each in fields(CartOnRail)))
 # Those of an environment whose observations are one array, and whose actions are continuous
 OF_ENV = {*EnvKeywords.__annotations__} - {"torque_levels", "goal_env"}
 # Of vector environments, beside those of `EnvConfig`
@@ -40,7 +40,7 @@ def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -
     check_names(NPendulumVectorEnv, rest)
     config = EnvConfig(**rest)
     defaults = DEFAULTS | _OF_VECTOR_ENV
-    for name, value in env.items():
+    for name, value in unfolded(env).items():
         if name not in uses and value != defaults[name]:
             other = ", or train by imitation, which uses it" if name in OF_ENV else ""
             raise ValueError(
