@@ -62,14 +62,15 @@ def pseudo_periods(
     theta, omega : array_like, shape (n,) or (R, n)
         Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases.
         Releases are followed side by side, a few times faster than one by one, with the same bits.
-        One number stands for all. At rest angles beyond 2 pi are refused, as they are likely to be
-        degrees; of a moving chain those that look like degrees bring a warning.
+        One number stands for all. For a chain at rest, angles beyond 2 pi raise an error, because
+        they are likely to be degrees. For a moving chain, angles that look like degrees bring a
+        warning.
     definition : {"bob", "link", "height", "com", "horizontal"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
-        - "bob": the bob has reversed twice: its horizontal velocity, or its velocity around the
-          pivot where a rod starts beyond 90 degrees;
-        - "link": the rod's angular velocity has gone 0, -, +, 0;
+        - "bob": the bob has reversed its horizontal velocity twice; if a rod starts beyond 90
+          degrees, its velocity around the pivot;
+        - "link": the rod's angular velocity has been 0, negative, positive and 0 again;
         - "height": the bob is back at its starting height;
         - "com": the chain's centre of mass has reversed twice, by the same rule: one
           pseudo-period for all bobs;
@@ -82,7 +83,7 @@ def pseudo_periods(
     rtol : float
         Relative tolerance of the integration; the absolute one is a hundredth of it.
     threads : int
-        Threads that share the releases. No result depends on it.
+        Number of threads that share the releases. Results do not depend on it.
     pivot_acceleration : array_like of shape (2,), optional
         Constant acceleration of the pivot [m/s^2]. A bob is then released from the side of where
         it hangs at rest.
@@ -99,26 +100,25 @@ def pseudo_periods(
         If an argument breaks its rule, or no period sets the window: without gravity, in motion,
         or where a link is balanced on its joint.
     IntegrationError
-        If the integration cannot go on.
+        If the integration cannot continue.
 
     Notes
     -----
-    "bob" and "link" take the first + to - crossing after a - to + crossing for a release from
-    positive angles (mirrored for negative ones; for "bob" the side on which the bob starts
-    counts), so that a rod that first drifts the other way is not credited with that. t = 0 is no
-    crossing. A bob that starts at zero counts as released from positive angles. "com" does so with
-    the centre of mass. A sign counts once the speed has exceeded 1e-6
-    sqrt(g/l), times l for "bob" and "com", l being the mean length: the outer rods of a uniform
-    release rest, at rounding level, until the wave reaches them. "height" takes a touch within
-    10 rtol of the chain's length as a return, at the instant of the touch (for one pendulum at T/2:
-    the paper asks for the height, not the side).
+    For a release from positive angles, "bob" and "link" take the first + to - crossing after a - to
+    + crossing. Negative angles are mirrored; for "bob" the side on which the bob starts counts. So
+    a first drift of a rod in the other direction does not count. t = 0 is not a crossing. A bob
+    that starts at zero counts as released from positive angles. "com" does the same with the centre
+    of mass. A sign counts once the speed has exceeded 1e-6 sqrt(g/l), times l for "bob" and "com",
+    l being the mean length: the outer rods of a uniform release rest, at rounding level, until the
+    wave reaches them. "height" takes a touch within 10 rtol of the chain's length as a return, at
+    the instant of the touch (for one pendulum at T/2: the paper asks for the height, not the side).
     Instants are zeros of the dense solution, located to 1e-11 s.
 
     A bob that passes 90 degrees reverses its horizontal velocity there, in the middle of a swing:
     "horizontal" gives half the period of one pendulum. So "bob" and "com" count reversals of the
-    velocity around the pivot where a rod starts more than 90 degrees from where it rests. With the
-    place r from the pivot it is r x v over the distance in a straight chain, so that the same
-    threshold holds.
+    velocity around the pivot where a rod starts more than 90 degrees from where it rests. With r
+    the position from the pivot, this velocity is r x v divided by the distance in a straight chain,
+    so that the same threshold holds.
 
     Examples
     --------

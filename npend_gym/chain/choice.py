@@ -68,7 +68,7 @@ def chain_parameters(path: str | Path, rule: str = "must be ") -> dict[str, Any]
 
 
 def preset_name(chain: Chain) -> str | None:
-    """Return which of PRESETS equals `chain`; None where none does.
+    """Return the name of the preset that equals `chain`, or None.
 
     Examples
     --------

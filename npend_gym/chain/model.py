@@ -63,17 +63,17 @@ class Chain(NamedChains):
     friction_speed : float or array_like, shape (n,)
         Speed below which dry friction fades [rad/s], greater than zero.
     armature : float or array_like, shape (n,)
-        Inertia of each joint's motor as the joint sees it [kg m^2], zero or more: gear^2 times
-        that of the rotor.
+        Inertia of each joint's motor as the joint sees it [kg m^2], zero or more: gear^2 times the
+        inertia of the rotor.
     gear : float or array_like, shape (n,)
         Turns of the rotor for one turn of the joint, not zero, negative where it turns backwards.
-        The motor of joint j stands on link j-1 and has the kinetic energy
-        armature_j ((1/gear_j - 1) omega_{j-1} + omega_j)^2 / 2. Infinite, or None: that of
-        MuJoCo's `armature`, in which the rotor itself does not turn with link j-1.
+        The motor of joint j stands on link j-1 and has the kinetic energy armature_j ((1/gear_j -
+        1) omega_{j-1} + omega_j)^2 / 2. Infinite, or None: as MuJoCo's `armature`, where the rotor
+        itself does not turn with link j-1.
     stiffness : float or array_like, shape (n,), optional
-        Of rods that stretch [N/m], greater than zero: massless springs between point masses, whose
-        `lengths` are those without load. A link with inertia slides along itself on its spring, in
-        the joint at its top. By default rods are rigid, which is the limit of stiff springs.
+        Stiffness of rods that stretch [N/m], greater than zero. They are massless springs between
+        point masses; `lengths` are without load. A link with inertia slides along its own axis on
+        its spring, in its upper joint. By default rods are rigid: the limit of stiff springs.
     axial_damping : float or array_like, shape (n,)
         Viscous damping of such rods along their length [N s/m], zero or more.
     base : Cart, optional
@@ -191,7 +191,7 @@ class Chain(NamedChains):
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Whether the chain `has_bobs`, and no dry friction."""
+        """Whether the chain `has_bobs` and has no dry friction."""
         return self.repeated(1).is_ideal
 
     @cached_property
@@ -201,12 +201,12 @@ class Chain(NamedChains):
 
     @cached_property
     def lift(self) -> FloatArray:
-        """What gravity turns, h_i = m_i c_i + l_i sum_{k>i} m_k [kg m]: torque -g h sin theta."""
+        """Static moment h_i = m_i c_i + l_i sum_{k>i} m_k [kg m]: weight turns by -g h sin theta."""
         return _frozen(self.repeated(1).lift[0].copy())
 
     @property
     def is_uniform(self) -> bool:
-        """Whether it is of equal point masses on equal massless rods."""
+        """Whether the chain has equal point masses on equal massless rods."""
         equal = np.ptp(self.masses) == 0.0 and np.ptp(self.lengths) == 0.0
         return bool(equal and np.all(self.has_bobs))
 
@@ -219,7 +219,7 @@ class Chain(NamedChains):
     def lifting_energy(self) -> float:
         """Energy that lifts the hanging chain upright, 2 g sum_i abs(h_i) with `lift` h [J].
 
-        Without gravity: that on Earth. It is the unit in which environments judge energies.
+        Without gravity, the value on Earth. Environments measure energies in this unit.
         """
         return float(self.repeated(1).lifting_energy[0])
 
@@ -229,15 +229,15 @@ class Chain(NamedChains):
         return self.repeated(1).has_drag
 
     def repeated(self, size: int, **changes: FloatArray) -> ChainParameters:
-        """Return the parameters of `size` chains like this one but for some `changes`.
+        """Return the parameters of `size` chains like this one, except for `changes`.
 
         Parameters
         ----------
         size : int
             Number of chains B.
         **changes : ndarray, shape (B, n), for gravity (B,)
-            Parameters by the names of `Chain`. Centres of mass at the ends of rods stay there
-            when lengths change alone.
+            Parameters by the names of `Chain`. If only lengths change, centres of mass at the ends
+            of rods stay there.
 
         Raises
         ------
@@ -254,7 +254,7 @@ class Chain(NamedChains):
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters as plain numbers and lists, for JSON: `from_dict` reads them.
 
-        Those from `centres` on are there only where they are not those of an ideal chain, and an
+        Parameters from `centres` on are left out where they equal those of an ideal chain. An
         infinite gear ratio is None.
         """
         shown = (*parameters.SIMPLE_FIELDS, *self.repeated(1).beyond_ideal())
@@ -270,12 +270,12 @@ class Chain(NamedChains):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Chain:
-        """Return the chain that `as_dict` described; any keywords of `Chain` will do.
+        """Return the chain that `as_dict` described; it accepts any keywords of `Chain`.
 
         Raises
         ------
         TypeError, ValueError
-            If `values` is no mapping, a key is missing or unknown, or a value breaks its rule.
+            If `values` is not a mapping, a key is missing or unknown, or a value breaks its rule.
         """
         return cls(**parameters.check_keys(values))
 

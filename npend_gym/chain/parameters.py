@@ -18,7 +18,7 @@ FRICTION_SPEED = 0.05  # rad/s, at which dry friction has 0.71 of its torque
 
 
 class ChainParameters(NamedTuple):
-    """The parameters of many chains side by side: those of `Chain` with a leading axis of B."""
+    """The parameters of B chains: the parameters of `Chain`, with a leading axis of length B."""
 
     masses: FloatArray  # (B, n), as all others but gravity
     lengths: FloatArray
@@ -64,7 +64,7 @@ class ChainParameters(NamedTuple):
 
     @property
     def lift(self) -> FloatArray:
-        """Mass times height that one full turn of each rod lifts [kg m], shape (B, n)."""
+        """Static moment of each rod, see `Chain.lift` [kg m], shape (B, n)."""
         carried = self.carried_masses
         below = np.concatenate([carried[..., 1:], np.zeros_like(carried[..., :1])], axis=-1)
         at_the_end = self.centres == self.lengths  # with the bits of the ideal chain
@@ -73,14 +73,14 @@ class ChainParameters(NamedTuple):
 
     @property
     def lifting_energy(self) -> FloatArray:
-        """As that of `Chain` [J], shape (B,)."""
+        """Energy that lifts each hanging chain upright [J], shape (B,)."""
         gravity = np.where(self.gravity > 0.0, self.gravity, STANDARD_GRAVITY)
         return 2.0 * gravity * _sum(np.abs(self.lift))
 
     def changed(self, changes: Mapping[str, FloatArray]) -> ChainParameters:
         """Return the chains with new values of some parameters, by name.
 
-        Centres of mass at the ends of rods stay there when lengths change alone.
+        If only lengths change, centres of mass at the ends of rods stay there.
 
         Raises
         ------
@@ -105,7 +105,7 @@ class ChainParameters(NamedTuple):
 
     @classmethod
     def unstacked(cls, rows: FloatArray) -> ChainParameters:
-        """Return the parameters that `stacked` made `rows` of, shape (B, 12, n)."""
+        """Return the parameters from the `rows` that `stacked` returned, shape (B, 12, n)."""
         fields = dict(zip(cls._fields, np.moveaxis(rows, 1, 0), strict=True))
         return cls(**fields | {"gravity": fields["gravity"][:, 0]})
 
@@ -121,9 +121,9 @@ class ChainParameters(NamedTuple):
         return [name for name, own, simple in fields if not np.array_equal(own, simple)]
 
     def check(self) -> ChainParameters:
-        """Return the parameters, refused where a link could turn about its joint without inertia.
+        """Return the parameters; raise an error if a link has no inertia about its joint.
 
-        Every other rule is that of one parameter alone, see `check_parameter`.
+        `check_parameter` has the rules for single parameters.
 
         Raises
         ------
@@ -164,7 +164,7 @@ _POSITIVE = ("masses", "lengths", "friction_speed", "stiffness")  # in the names
 
 
 def check_parameter(name: str, value: FloatArray) -> FloatArray:
-    """Return the parameter `name` of chains, refused where it has the wrong sign or is zero.
+    """Return the parameter `name` of chains; raise an error for a wrong sign or a wrong zero.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def _check_change(name: str, row: Any, own: Mapping[str, FloatArray]) -> FloatAr
 
 
 def gear_ratios(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return gear ratios of `shape`, of which None and infinity (of any sign) mean infinity."""
+    """Return gear ratios of `shape`; None and infinity of any sign become infinity."""
     if value is None or (np.isscalar(value) and value == np.inf):
         return np.full(shape, np.inf)
     given = np.array(_checks.unmasked(name, value), dtype=object)
