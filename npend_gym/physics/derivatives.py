@@ -29,7 +29,7 @@ class StepJacobian(NamedTuple):
 
 
 class StepGradient(NamedTuple):
-    """The states after a step, and the gradient of a function of them by what the step began with.
+    """The states after a step, and the gradient of a function of them by start and parameters.
 
     c coordinates are the n angles and the cart.
     """
@@ -45,15 +45,15 @@ class StepGradient(NamedTuple):
 class DifferentiableEnsemble(Ensemble):
     """An `Ensemble` that knows the exact derivatives of its steps, in O(n) operations each.
 
-    Parameters are those of `Ensemble`. The methods of this class leave the members as they are:
-    they tell how the next step of `advance` depends on what it begins with.
+    It takes the parameters of `Ensemble`. The methods of this class do not change the members. They
+    return how the next step of `advance` depends on its state, its inputs and the chains.
 
     Notes
     -----
-    Derivatives are those of the Runge-Kutta steps that are taken, not of the motion that they
-    approximate. How far a step is cut into substeps counts as given. Parameters of one rod are
-    those of `Chain`; where the centre of mass is at the end of a rod, it stays there when the
-    length changes. `npend_gym.physics.kernels.virtual_power` has the equations.
+    Derivatives are exact for the Runge-Kutta steps taken, not for the motion that they approximate.
+    The number of substeps is a constant. Parameters are named as in `Chain`. If the centre of mass
+    is at the end of a rod, it stays there when the length changes.
+    `npend_gym.physics.kernels.virtual_power` has the equations.
 
     Examples
     --------
@@ -76,7 +76,7 @@ class DifferentiableEnsemble(Ensemble):
         force: ArrayLike = 0.0,
         parameters: Mapping[str, ArrayLike] | None = None,
     ) -> StepJacobian:
-        """Return where a step leads, and the derivatives of that by state, torque and parameters.
+        """Return the states after a step, and their derivatives by state, torque and parameters.
 
         Parameters
         ----------
@@ -84,8 +84,8 @@ class DifferentiableEnsemble(Ensemble):
             As for `advance`.
         parameters : mapping of str to array_like, shape (K, n), optional
             K directions in which parameters of all members change together, by their names in
-            `Chain`; the shape for gravity is (K,). See the notes of `Trajectory.sensitivities` for
-            those of each kind of chain.
+            `Chain`; the shape for gravity is (K,). The notes of `Trajectory.sensitivities` list the
+            parameters of each kind of chain.
 
         Returns
         -------
@@ -115,9 +115,9 @@ class DifferentiableEnsemble(Ensemble):
         force: ArrayLike = 0.0,
         parameters: Sequence[str] = (),
     ) -> StepGradient:
-        """Take the gradient of a function of the states after a step back to the step's beginning.
+        """Backpropagate a gradient from the states after a step to the start of the step.
 
-        It is the product of a vector and the Jacobian, for the price of about two steps more.
+        This vector-Jacobian product costs about two more steps.
 
         Parameters
         ----------
@@ -126,8 +126,8 @@ class DifferentiableEnsemble(Ensemble):
         theta_bar, omega_bar : array_like, shape (B, c)
             Derivatives of the function by the states after the step; one number stands for all.
         parameters : sequence of str
-            Names of the parameters of `Chain` by which derivatives are wanted as well; see the
-            notes of `Trajectory.sensitivities` for those of each kind of chain.
+            Names of parameters of `Chain` for further derivatives. The notes of
+            `Trajectory.sensitivities` list the parameters of each kind of chain.
 
         Returns
         -------

@@ -14,7 +14,7 @@ from npend_gym.compiled.sincos import sincos_all
 def positions(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     """Return the positions of the bobs [m], shape (..., n, 2), for angles (..., n).
 
-    With links, they are those of the links' far ends: of the joints, and of the tip.
+    For links they are the positions of the far ends: the joints and the tip.
 
     x_i = sum_{k<=i} l_k sin theta_k, y_i = -sum_{k<=i} l_k cos theta_k (the paper's section 2).
     """
@@ -62,7 +62,7 @@ def kinetic_energy(
 ) -> FloatArray:
     """Return sum_i (m_i v_i^2 + I_i omega_i^2 + rotor_i) / 2 [J], shape (...).
 
-    v_i is the velocity of a centre of mass, and rotor_i that of `Chain.gear`. The paper's T leaves
+    v_i is the velocity of a centre of mass, and `Chain.gear` defines rotor_i. The paper's T leaves
     the masses out.
     """
     bobs = bool(np.all(chain.has_bobs))
@@ -119,7 +119,7 @@ def total_energy(
     Parameters
     ----------
     chain : Chain
-        With a pivot at rest and rigid rods; of others `Trajectory.energy` has it.
+        With a pivot at rest and rigid rods; for other chains use `Trajectory.energy`.
     theta, omega : ndarray, shape (..., n)
         Angles [rad] and angular velocities [rad/s].
 

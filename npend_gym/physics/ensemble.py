@@ -38,10 +38,10 @@ def check_rigid(springs: object) -> None:
 class Ensemble(Members):
     """B chains of n rods each, advanced side by side.
 
-    The chains do not act on each other, and no result depends on the number of threads. By default,
-    however, all take as many substeps as the fastest chain needs: a chain then has other rounding
-    errors and smaller integration errors beside a faster one. With `substeps` given, each member
-    moves as it does alone, to the last bit.
+    The chains do not act on each other, and results do not depend on the number of threads. By
+    default all chains take as many substeps as the fastest one needs. So a chain beside a faster
+    one has different rounding errors and smaller integration errors. With `substeps` given, each
+    member moves as it does alone, to the last bit.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ class Ensemble(Members):
         One chain for all members, or one for each; all with the same number of rods, and all with a
         cart or none. Energies and positions are relative to the pivot.
     size : int, optional
-        Number of members B; by default that of the chains that are given.
+        Number of members B; by default the number of chains given.
     joints : sequence of int
         Joints that `advance` puts torques on; joint 0 is the pivot.
     threads : int
-        Threads that share the members. No result depends on it.
+        Number of threads that share the members. Results do not depend on it.
 
     Attributes
     ----------
@@ -68,8 +68,8 @@ class Ensemble(Members):
 
     Notes
     -----
-    An exception that interrupts a call, such as that of Ctrl-C, may leave some members advanced and
-    others not. The ensemble then refuses all further use with a RuntimeError: make a new one.
+    An exception that interrupts a call, such as Ctrl-C, may leave some members advanced and others
+    not. All later calls then raise a RuntimeError: make a new ensemble.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class Ensemble(Members):
         self._plans: dict[Cut, Plan] = {}  # of the last step
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
-        """Give some members the parameters of a chain; their time and measurements start again.
+        """Set the chain of some members; their time and measurements start again.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class Ensemble(Members):
         *,
         cart: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     ) -> None:
-        """Put some members into a state; their time, work and measurements start again.
+        """Set the state of some members; their time, work and measurements start again.
 
         Parameters
         ----------
@@ -202,9 +202,10 @@ class Ensemble(Members):
             [s]
         substeps : int, optional
             Number of Runge-Kutta steps of every member. By default as many as the fastest chain
-            needs: in each its fastest normal mode turns by at most 1/16 rad, and what damping and
-            drag brake decays by at most that much. A member whose rod would turn by more than
-            1/20 rad in one of them divides it; with `substeps` given none is divided.
+            needs: in each, the phase of its fastest normal mode advances by at most 1/16 rad, and
+            damped motion decays by at most that much. If a rod would turn by more than 1/20 rad in
+            a substep, its member divides that substep. With `substeps` given, no substep is
+            divided.
         active : array_like of bool, shape (B,), optional
             Members to advance; all by default.
         force : array_like, shape (B,)
@@ -255,7 +256,7 @@ class Ensemble(Members):
     ) -> tuple[FloatArray, FloatArray]:
         """Advance all members by T steps and return their states before and after each.
 
-        To the last bit what T calls of `advance` give, without what each call costs.
+        The result has the same bits as T calls of `advance`, without the cost of each call.
 
         Parameters
         ----------
@@ -298,5 +299,5 @@ class Ensemble(Members):
         return self._plans[cut]
 
     def close(self) -> None:
-        """End the threads; they start again where they are needed."""
+        """End the threads; they start again when they are needed."""
         self._memory.close()

@@ -180,15 +180,15 @@ def accelerations(
     torque : float or array_like, shape (..., n), optional
         Torque on the joints [N m]: a number acts on joint 0, an array on every joint.
     **more
-        Of a chain on a cart `force` [N], `position` [m] and `velocity` [m/s], shape (...); of
-        springs `stretch` [m] and `stretch_rate` [m/s], shape (..., n), by default those with
-        which they follow rigid rods; and `pivot_acceleration`, two numbers [m/s^2].
+        For a cart: `force` [N], `position` [m] and `velocity` [m/s], shape (...). For springs:
+        `stretch` [m] and `stretch_rate` [m/s], shape (..., n); by default springs follow rigid
+        rods. For any chain: `pivot_acceleration`, two numbers [m/s^2].
 
     Returns
     -------
     ndarray, shape (..., m)
-        Of the angles [rad/s^2], then of the cart [m/s^2], then of the stretches [m/s^2]. With
-        `pivot_acceleration` the two numbers of the pivot stand in the place of the cart's.
+        Accelerations of the angles [rad/s^2], then of the cart [m/s^2], then of the stretches
+        [m/s^2]. With `pivot_acceleration` the two numbers of the pivot replace the cart's.
 
     Raises
     ------
@@ -213,14 +213,14 @@ def right_hand_side(chain: Chain) -> Callable[[float, FloatArray], FloatArray]:
     Parameters
     ----------
     chain : Chain
-        Of any kind; nothing drives it.
+        Of any kind, without drives.
 
     Returns
     -------
     callable
-        From a time [s], which it does not depend on, and a state (2m,), coordinates before their
-        rates, to the rates of the state, a new array. Coordinates are the angles [rad], then the
-        position of a cart [m], then the stretches of springs [m]. It checks nothing.
+        A function of a time [s], which has no effect, and a state (2m,): coordinates, then their
+        rates. It returns the rates of the state as a new array. Coordinates are the angles [rad],
+        then the position of a cart [m], then the stretches of springs [m]. It checks no argument.
 
     Examples
     --------
@@ -252,8 +252,8 @@ def tensions(
 ) -> FloatArray:
     """Return the tensions of the rods [N], positive where a rod pulls, in O(n) operations a state.
 
-    Of a link with mass: the force along it in its upper joint. Parameters and shapes are those of
-    `accelerations`.
+    The tension of a link with mass is the force along it in its upper joint. Parameters and shapes
+    are as for `accelerations`.
 
     Returns
     -------

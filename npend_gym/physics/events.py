@@ -26,15 +26,15 @@ class Event:
     quantity : {"angle", "angular_velocity", "velocity", "height", "energy", "flip"}
         The angle of the rod [rad]; its angular velocity [rad/s]; the horizontal velocity of its bob
         [m/s]; the height of its bob above the pivot [m]; the energy of its mass, above hanging at
-        rest [J]; or "flip": the rod stands upright, in whatever turn. Velocity and energy are
-        relative to the pivot, which may be on a cart.
+        rest [J]; or "flip": the rod stands upright, after any number of turns. Velocity and energy
+        are relative to the pivot, which may be on a cart.
     rod : int
         Counted from 0 at the pivot, as entries of arrays; -1 is the last. In tables of releases and
         campaigns bobs count from 1, so bob k hangs on rod k - 1.
     value : float
-        The event is where the quantity less `value` is zero.
+        The event occurs when the quantity equals `value`.
     direction : {-1, 0, 1}
-        Falling zeros alone, all, or rising ones alone.
+        -1: only falling zeros; 0: all zeros; 1: only rising zeros.
     terminal : bool or int
         Whether the motion ends at the first of them; a number k ends it at the k-th, 0 never.
 
@@ -73,7 +73,7 @@ class Event:
             )
 
     def of(self, chain: Chain, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the quantity less `value` in states (..., m) of all coordinates, shape (...)."""
+        """Return the quantity minus `value` in states (..., m) of all coordinates, shape (...)."""
         i, n = self.rod, chain.n
         theta, omega, axial = q[..., :n], u[..., :n], ()
         if chain.stiffness is not None:

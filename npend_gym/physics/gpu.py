@@ -26,18 +26,18 @@ SHORT = 8
 
 
 class DeviceChains:
-    """B chains of n rods, advanced on a GPU in arrays of the caller's.
+    """B chains of n rods, advanced on a GPU in the caller's arrays.
 
     Parameters
     ----------
     chains : Chain or sequence of Chain
         One chain for all, or a list of B; all with the same number of rods.
     size : int, optional
-        Number of chains B; by default that of those that are given.
+        Number of chains B; by default the number of chains given.
     dtype : {float64, float32}
-        Of all arrays. In float64 results are the bits of `Ensemble`; float32 is for speed.
+        Type of all arrays. float64 gives the same bits as `Ensemble`; float32 is for speed.
     drag : bool
-        Whether `parameters` that are given later may have drag where `chains` have none.
+        Whether later `parameters` may have drag if `chains` have none.
 
     Attributes
     ----------
@@ -112,24 +112,24 @@ class DeviceChains:
         ----------
         theta, omega, torque : array on the GPU, shape (B, n)
             Angles [rad] and angular velocities [rad/s], which are overwritten, and the torque on
-            each joint [N m]: tensors of torch, arrays of cupy or Numba, or whatever else has
-            ``__cuda_array_interface__``. Nothing is copied. Any strides will do.
+            each joint [N m]: tensors of torch, arrays of cupy or Numba, or any object with
+            ``__cuda_array_interface__``. Nothing is copied. Any strides are allowed.
         diverged : array on the GPU, shape (B,)
-            Zero where the chain is to move. Where its state leaves all bounds it becomes one, and
-            the state stays the last finite one.
+            Zero for chains that should move. If a state leaves all bounds, its entry becomes one,
+            and the chain keeps its last finite state.
         dt : float
             [s]
         substeps : int, optional
-            Number of Runge-Kutta steps; by default that of `Ensemble.advance`. With `parameters`
-            the default is computed from these in every call, which waits for the GPU and copies
-            them from it: give `substeps` where speed counts.
+            Number of Runge-Kutta steps; by default as in `Ensemble.advance`. With `parameters`,
+            every call computes the default from them, which waits for the GPU and copies them from
+            it. Give `substeps` if speed matters.
         max_rotation : float, optional
-            A substep in which a rod would turn by more than this is cut into parts [rad]. By
-            default 1/20 where `substeps` is not given, else none is.
+            Largest turn of a rod in a substep [rad]; substeps with a larger turn are divided. By
+            default 1/20 if `substeps` is not given; otherwise no substep is divided.
         parameters : array on the GPU, shape (B, 12, n) or (1, 12, n), optional
             Other parameters of the chains, as ``chain.repeated(B).stacked()`` has them. They are
-            not checked, and may not make links of point masses, nor add friction, rotors or drag
-            where there were none.
+            not checked. They must not turn point masses into links, or add friction, rotors or drag
+            to chains without them.
         stream : int
             Handle of the CUDA stream, such as ``torch.cuda.current_stream().cuda_stream``.
 
@@ -173,7 +173,7 @@ class DeviceChains:
         return "simulator" if simulated() else self.cuda.get_current_device().name.decode()
 
     def zeros(self, shape: tuple[int, ...]) -> Any:
-        """Return an array of zeros on the GPU, of a shape whose last axis is that of the chains."""
+        """Return an array of zeros on the GPU; the last axis of its shape counts the chains."""
         *_, columns, lanes = shape
         array = self.cuda.device_array(
             (math.prod(shape) // (columns * lanes), columns, lanes), self.dtype
@@ -246,7 +246,7 @@ def _clearing(dtype: str) -> DeviceKernel:
 class DifferentiableDeviceChains(DeviceChains):
     """`DeviceChains` that know the exact derivatives of their steps.
 
-    Parameters are those of `DeviceChains`; `DifferentiableEnsemble` is the same on the processor,
+    It takes the parameters of `DeviceChains`. `DifferentiableEnsemble` does the same on the CPU,
     and its notes hold here.
     """
 
@@ -266,7 +266,7 @@ class DifferentiableDeviceChains(DeviceChains):
         parameters: Any = None,
         stream: int = 0,
     ) -> None:
-        """Take the gradient of a function of the states after a step back to the step's beginning.
+        """Backpropagate a gradient from the states after a step to the start of the step.
 
         The call returns when the GPU has the work, not when it is done.
 
@@ -275,17 +275,18 @@ class DifferentiableDeviceChains(DeviceChains):
         theta, omega, torque : array on the GPU, shape (B, n)
             The states before the step, which stay as they are, and the torques.
         bars : sequence of 3 or 4 arrays on the GPU
-            Derivatives of the function by theta and omega after the step, (B, n) each, which are
-            overwritten by those by theta and omega before; an array (B, n) to which those by the
-            torques are added; and perhaps one, (B, 12, n), to which those by the parameters are
-            added, in the order of `ChainParameters`. Those by gravity are in the first entry of its
-            row. Where the centre of mass is to stay at the end of a rod, the derivative by the
-            length is the sum of the two. Point masses add nothing to the rows after
-            `quadratic_drag`. Links without friction, rotors and drag add nothing to those of drag,
-            nor to those after `inertias`.
+            The first two are the derivatives of the function by theta and omega after the step, (B,
+            n) each. The call overwrites them with the derivatives by theta and omega before the
+            step. It adds the derivatives by the torques to the third array, (B, n). It adds the
+            derivatives by the parameters to the fourth, (B, 12, n), in the order of
+            `ChainParameters`. The derivative by gravity is the first entry of its row. If a centre
+            of mass should stay at the end of its rod, add its derivative to the derivative by the
+            length. Point masses add nothing to the rows after `quadratic_drag`. Links without
+            friction, rotors and drag add nothing to the rows of drag, nor to the rows after
+            `inertias`.
         diverged : array on the GPU, shape (B,)
-            As for `advance`: nothing is done where it is not zero. Where the state leaves all
-            bounds in the step, it becomes one, and the derivatives mean nothing.
+            As for `advance`: chains with a nonzero entry are left out. If a state leaves all bounds
+            in the step, its entry becomes one, and its derivatives have no meaning.
         dt, substeps, max_rotation, parameters, stream
             As for `advance`.
 

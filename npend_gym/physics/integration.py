@@ -20,7 +20,7 @@ RODS_PER_CALL, RODS_PER_PACK_CALL = 125_000, 50_000
 
 
 class IntegrationError(RuntimeError):
-    """The integration cannot go on: the state has diverged, or the tolerance is out of reach."""
+    """The integration cannot continue: the state diverged, or the tolerance is out of reach."""
 
 
 def check_times(times: ArrayLike, n: int) -> FloatArray:

@@ -26,8 +26,8 @@ _ENTRIES = 2**21  # of the Jacobians that are made at once: 16 MB
 class Linearisation(NamedTuple):
     """Derivatives by the state (q, u), and by the torques on some joints and the force on a cart.
 
-    Of a rate: d/dt (delta q, delta u) = A (delta q, delta u) + B delta loads. Of a step: what that
-    gives after it.
+    For rates: d/dt (delta q, delta u) = A (delta q, delta u) + B delta loads. For a step, the same
+    expression is (delta q, delta u) after it.
     """
 
     A: FloatArray  # (..., 2m, 2m)
@@ -58,8 +58,9 @@ def jacobian(
     Returns
     -------
     ndarray, shape (..., 2m, 2m + n), on a cart (..., 2m, 2m + n + 1)
-        Of all coordinates, in the order of `accelerations`. The lower half, by which the
-        accelerations change, ends in the inverse mass matrix times how loads act.
+        For all coordinates, in the order of `accelerations`. The lower half has the derivatives of
+        the accelerations. Its last columns are the inverse mass matrix times the directions of the
+        loads.
 
     Raises
     ------
@@ -111,8 +112,8 @@ def linearise(
 
     Notes
     -----
-    The derivatives are exact, and so at rest dry friction is the damper friction / friction_speed:
-    0.2 N m s/rad for 0.01 N m. It is that strong only where joints turn more slowly than
+    The derivatives are exact. So at rest, dry friction is a damper of friction / friction_speed:
+    0.2 N m s/rad for 0.01 N m. It is that strong only while joints turn more slowly than
     `friction_speed`. A regulator designed with it may have gains of the wrong sign for any faster
     motion. For feedback, raise `friction_speed` to the speeds that noise and a step reach,
     ``Chain.from_dict(chain.as_dict() | {"friction_speed": 0.2})``, or leave out friction. The
@@ -156,7 +157,7 @@ def step_jacobian(
     joints: Sequence[int] = (0,),
     **more: Unpack[StateKeywords],
 ) -> Linearisation:
-    """Return the derivatives of the states after a step by those before it and by torques.
+    """Return the derivatives of the states after a step by the states before it and by torques.
 
     They are exact. See `linearise` for dry friction near rest.
 

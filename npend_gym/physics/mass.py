@@ -34,7 +34,7 @@ def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = N
     theta : array_like, shape (..., n)
         Angles [rad]; one number stands for all rods.
     stretch : array_like, shape (..., n), optional
-        Of springs [m]; by default that at rest in these angles.
+        Stretch of springs [m]; by default the stretch at rest at these angles.
 
     Returns
     -------

@@ -77,7 +77,7 @@ class Recipe(NamedTuple):
     longest_step: Any = None  # [s], () or (B,), beside "dt" where functions drive a motion
 
     def of_motion(self, k: int) -> Recipe:
-        """Return the recipe of motion `k` of many, with the drives that it has of its own."""
+        """Return the recipe of motion `k` of many, with its own drives."""
         # of arrays with a row for each
         axes = {"torque": 2, "force": 1, "pivot_acceleration": 2, "longest_step": 1}
         drives = {name: getattr(self, name) for name in axes}

@@ -25,8 +25,8 @@ class Signal:
     times : array_like, shape (K,)
         Instants [s], increasing.
     values : array_like, shape (K,) or (K, m)
-        The quantity there. With "previous" also one fewer: ``values[k]`` from ``times[k]`` to
-        ``times[k + 1]``.
+        The quantity at these instants. "previous" also accepts one value fewer: ``values[k]`` holds
+        from ``times[k]`` to ``times[k + 1]``.
     kind : {"previous", "linear"}
         Constant from each instant to the next, or on straight lines between them (the names of
         `scipy.interpolate.interp1d`).

@@ -57,9 +57,10 @@ def simulate(
     times : array_like, shape (T,)
         Instants at which the state is wanted [s], increasing.
     position, velocity : float or array_like, shape (B,)
-        Of the cart at ``times[0]`` [m and m/s], if the chain has one. With `pivot_acceleration`
-        those of the pivot: one number, sideways; two numbers, sideways and up, for all motions; or
-        shape (B, 2). Where there is drag, the motion of the chain depends on its velocity.
+        Position and velocity of the cart at ``times[0]`` [m and m/s], if the chain has one. With
+        `pivot_acceleration` they are those of the pivot: one number, sideways; two numbers,
+        sideways and up, for all motions; or shape (B, 2). With drag, the motion of the chain
+        depends on the velocity of the pivot.
     stretch, stretch_rate : float or array_like, shape (n,) or (B, n), optional
         How much longer than ``chain.lengths`` springs are at ``times[0]`` [m], and its rate [m/s],
         zero where only `stretch` is given. By default springs carry the tensions of rigid rods,
@@ -67,11 +68,13 @@ def simulate(
     torque : float, array_like of shape (n,) or (B, n), Signal or callable, optional
         Torque [N m]: a number acts on joint 0, an array on every joint. A `Signal` was sampled in
         time; a function ``torque(t, theta, omega)`` or ``torque(t)`` returns a number or an array
-        (n,). The other coordinates follow the angles in its arguments, which are copies.
+        (n,). In its arguments, which are copies, the other coordinates follow the angles.
         Parameters with a default may follow t.
     force : float, array_like of shape (B,), Signal or callable
-        Horizontal force [N] on the cart; of a function of t, or of (t, theta, omega), a number.
+        Horizontal force [N] on the cart. A function of t, or of (t, theta, omega), returns a
+        number.
     pivot_acceleration : array_like of shape (2,), Signal or callable, optional
+<<<<<<< HEAD
         Acceleration of the pivot [m/s^2], sideways and up, which nothing else moves; of a function
         as for `force`, two numbers.
     method : {"dop853", "tsit5", "rk4", "midpoint", "gauss4", "gauss6"}
@@ -79,6 +82,13 @@ def simulate(
         "rk4": order 4, with equal steps between two times, as few as possible but none longer than
         `dt`. "midpoint", "gauss4" and "gauss6": orders 2, 4 and 6, symplectic, with equal steps
         from the first time to the last, for chains without friction.
+=======
+        Acceleration of the pivot [m/s^2], sideways and up; nothing else moves the pivot. A function
+        as for `force` returns two numbers.
+    method : {"dop853", "rk4"}
+        "dop853": order 8(5,3), with steps chosen to meet `rtol` and `atol`. "rk4": order 4, with
+        equal steps between two times, as few as possible but none longer than `dt`.
+>>>>>>> 8f35d96e (Docstrings of physics in plain sentences)
     rtol, atol : float
         Relative and absolute tolerance of each step (for "dop853" and "tsit5").
     dt : float, optional
@@ -86,12 +96,12 @@ def simulate(
         steps of any length: at rest, where the motion has no error, very long ones. Functions limit
         them: see the notes.
     events : Event, callable or list of these, optional
-        What is looked for: an `Event`, or a function ``event(t, theta, omega)`` whose zeros are
-        wanted, with the attributes `terminal` and `direction` of SciPy's, if any. Coordinates of a
-        cart, a pivot that moves or springs follow the angles, so that the last angle is
+        Events to find: an `Event`, or a function ``event(t, theta, omega)`` whose zeros are the
+        events. It may have the attributes `terminal` and `direction` of SciPy's events. Coordinates
+        of a cart, a moving pivot or springs follow the angles, so that the last angle is
         ``theta[n - 1]``. See ``t_events`` and ``status`` of `Trajectory`.
     threads : int
-        That share many motions. No result depends on it.
+        Number of threads that share many motions. Results do not depend on it.
 
     Returns
     -------
@@ -109,25 +119,25 @@ def simulate(
     -----
     The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, or those of
     links, friction, rotors, carts and springs; see `npend_gym.physics.accelerations` and
-    docs/extensions.md. The rail bears the reaction of a torque at joint 0. Results are the same
-    bits on every machine, where functions of the user's are.
+    docs/extensions.md. The rail bears the reaction of a torque at joint 0. Results have the same
+    bits on every machine, if functions of the user do.
 
     Functions are compiled by Numba where they can be, in about half a second; others are called in
     Python, which takes some microseconds for each evaluation, twelve in a step. A process keeps the
-    machine code of 128 functions. It compiles again where the code, a default, a variable of the
-    function around it or of its module has changed. Both give the same bits where Python and
-    machine code do. Steps end at the instants of a `Signal`.
+    machine code of 128 functions. It compiles a function again if its code, a default, or a
+    variable of the enclosing function or module has changed. Both ways give the same bits if Python
+    and machine code agree. Steps end at the instants of a `Signal`.
 
     No step with a function is longer than three of the intervals between `times`, on average. Nor
     is it longer than 1/12 of the fastest normal mode's period, or 0.5 s without gravity. This holds
     for all methods, derivatives and `Trajectory.at`. Calls of the function are at most 0.27 of a
     step apart. So no pulse is missed that lasts as long as an interval, or 1/47 of that period. For
-    shorter ones give `dt` or a `Signal`.
+    shorter pulses give `dt` or a `Signal`.
 
-    Four places of each step show the sign of an event. So two zeros that are nearer to each other
-    may be missed; zeros are located to 1e-12 s on the polynomials between steps. Functions are
-    looked at in four places of every part of a step that has the length above. No event changes the
-    steps. A motion that begins at a zero is no event there.
+    The sign of an event is checked at four points of each step. So two zeros that are closer
+    together may be missed. Zeros are located to 1e-12 s on the polynomials between steps. Functions
+    are checked at four points of every part of a step with the length above. Events do not change
+    the steps. A zero at the start is not an event.
 
     Symplectic steps are those of Gauss and Legendre in coordinates and canonical momenta. The error
     of the energy does not grow in time. docs/howto/long_motions.md says when they are worth it.

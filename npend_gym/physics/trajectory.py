@@ -45,12 +45,12 @@ def _each_chain(method: Callable[[Trajectory], FloatArray]) -> Callable[[Traject
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The motion of a chain at given times, which pickles, copies and saves whatever drove it.
+    """The motion of a chain at given times; it can be pickled, copied and saved with any drive.
 
     Attributes
     ----------
     chain : Chain
-        The first of them, where those of many motions differ: see `chains`.
+        The chain; for many motions with different chains the first one: see `chains`.
     times : ndarray, shape (T,)
         Instants [s].
     theta, omega : ndarray, shape (T, n)
@@ -61,10 +61,10 @@ class Trajectory:
         How much longer springs are than ``chain.lengths`` [m], and its rate [m/s]; None where
         rods are rigid.
     provenance : dict
-        What made it: versions, method, tolerances, drives.
+        How the motion was made: versions, method, tolerances, drives.
     recipe : Recipe
-        How its steps were taken, from which `at` and derivatives follow; None where `simulate` did
-        not take them on this machine's processor.
+        How the steps were taken; `at` and derivatives need it. None if `simulate` did not take them
+        on this machine's CPU.
     status : int
         0 where the motion reached the last of the times that were asked for, 1 where a terminal
         event ended it; shape (B,) for many motions.
@@ -74,16 +74,16 @@ class Trajectory:
     counts : ndarray of int, shape (3,) or (3, B)
         Steps taken, steps refused, and steps in which states were interpolated.
     chains : tuple of Chain
-        That of each motion, where they differ.
+        The chain of each motion, if they differ.
     ends : ndarray, shape (B, 1 + 2m)
-        The instant and the state at which a terminal event ended each of many motions; NaN for
-        those that none ended, None where that is all of them.
+        For many motions, the instant and the state at which a terminal event ended each. NaN for a
+        motion that no event ended; None if no event ended any.
 
     Notes
     -----
-    Positions and velocities of bobs are relative to the pivot, also where it moves. Of B motions
-    side by side `theta` and `omega` have the shape (B, T, n), and what follows from them has the
-    same leading axis; `trajectory[k]` is one of them, a trajectory of its own.
+    Positions and velocities of bobs are relative to the pivot, also where it moves. For B motions,
+    `theta` and `omega` have the shape (B, T, n), and all derived quantities have the same leading
+    axis; `trajectory[k]` is the trajectory of one motion.
 
     Examples
     --------
@@ -150,7 +150,7 @@ class Trajectory:
 
     @property
     def refused_steps(self) -> Any:
-        """How many more were tried, and taken shorter; (B,) for many motions."""
+        """How many steps were rejected and taken shorter; (B,) for many motions."""
         return self._counted[1]
 
     @property
@@ -242,9 +242,9 @@ class Trajectory:
 
     @_each_chain
     def kinetic_energy(self) -> FloatArray:
-        """Return the kinetic energy [J], shape (T,), that of a cart included.
+        """Return the kinetic energy [J], shape (T,), including the cart's.
 
-        Of a pivot with a prescribed acceleration it is relative to the pivot.
+        If the acceleration of the pivot is prescribed, it is relative to the pivot.
         """
         return _energy.kinetic_of_motion(
             self.chain, self.theta, self.omega, self.velocity, self.stretch, self.stretch_rate
@@ -252,7 +252,7 @@ class Trajectory:
 
     @_each_chain
     def energy(self) -> FloatArray:
-        """Return the energy above hanging at rest [J], shape (T,); springs are stretched there."""
+        """Return the energy above hanging at rest, with stretched springs [J], shape (T,)."""
         if self.stretch is None:
             potential = _energy.potential_energy(self.chain, self.theta)
         else:
