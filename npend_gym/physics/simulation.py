@@ -74,21 +74,13 @@ def simulate(
         Horizontal force [N] on the cart. A function of t, or of (t, theta, omega), returns a
         number.
     pivot_acceleration : array_like of shape (2,), Signal or callable, optional
-<<<<<<< HEAD
-        Acceleration of the pivot [m/s^2], sideways and up, which nothing else moves; of a function
-        as for `force`, two numbers.
+        Acceleration of the pivot [m/s^2], sideways and up; nothing else moves the pivot. A function
+        as for `force` returns two numbers.
     method : {"dop853", "tsit5", "rk4", "midpoint", "gauss4", "gauss6"}
         "dop853" and "tsit5": orders 8(5,3) and 5(4), with steps chosen to meet `rtol` and `atol`.
         "rk4": order 4, with equal steps between two times, as few as possible but none longer than
         `dt`. "midpoint", "gauss4" and "gauss6": orders 2, 4 and 6, symplectic, with equal steps
         from the first time to the last, for chains without friction.
-=======
-        Acceleration of the pivot [m/s^2], sideways and up; nothing else moves the pivot. A function
-        as for `force` returns two numbers.
-    method : {"dop853", "rk4"}
-        "dop853": order 8(5,3), with steps chosen to meet `rtol` and `atol`. "rk4": order 4, with
-        equal steps between two times, as few as possible but none longer than `dt`.
->>>>>>> 8f35d96e (Docstrings of physics in plain sentences)
     rtol, atol : float
         Relative and absolute tolerance of each step (for "dop853" and "tsit5").
     dt : float, optional
