@@ -204,7 +204,7 @@ def large_n_period(
 def large_n_com_period(
     n: int, amplitude: ArrayLike = 0.0, length: float = 1.0, gravity: float = STANDARD_GRAVITY
 ) -> FloatArray:
-    r"""Return the law of the pseudo-period [s] of many equal rods, of the shape of `amplitude`.
+    r"""Return the pseudo-period [s] of many equal rods by the law, in the shape of `amplitude`.
 
     T(n, a) = 0.822302 * 2 pi sqrt((n + 1/2) l/g) * (2/pi) K(sin(a/2)): when the centre of mass of
     the chain, released straight from a, reverses for the second time. The factor is `com_ratio` of
@@ -227,7 +227,7 @@ def large_n_com_period(
     Notes
     -----
     At small angles the relative error is 7e-3, 1.9e-3, 6.5e-4 and 2.6e-4 at n = 1, 2, 3 and 5, and
-    below 6e-6 from n = 10; `com_period` has none there. See it for the error at larger angles.
+    below 6e-6 from n = 10; `com_period` has no such error; it describes the error at larger angles.
 
     Examples
     --------

@@ -26,8 +26,8 @@ _LAW_UP_TO = 2000  # unequal rods: the modes of more take minutes
 class Models(NamedTuple):
     """Models of the pseudo-period of a released chain [s]; NaN where one does not apply.
 
-    Without gravity none does, nor to springs or chains on a cart. To links, in place of point
-    masses, the paper's do not.
+    No model applies without gravity, to springs or to chains on a cart. The paper's models do not
+    apply to links.
 
     Attributes
     ----------
@@ -38,8 +38,9 @@ class Models(NamedTuple):
     fundamental : float
         T1, the period of the slowest normal mode, see `fundamental_period`.
     law : float
-        Of the centre of mass: T(N, a) of `large_n_com_period` for equal rods, and `com_period` for
-        other chains, NaN for more than 2000 of their rods, or frequencies 10^6 apart.
+        Pseudo-period of the centre of mass: T(N, a) of `large_n_com_period` for equal rods, and
+        `com_period` for other chains. NaN for other chains with more than 2000 rods, or with
+        frequencies 10^6 apart.
     """
 
     ideal: float
@@ -51,7 +52,7 @@ class Models(NamedTuple):
 def models(chain: Chain, angle: ArrayLike) -> Models:
     """Return the models of the pseudo-period of `chain`, released from `angle` [rad].
 
-    Where `angle` is an array, the mean of the corrections of its entries is taken.
+    For an array `angle`, the corrections of its entries are averaged.
 
     Examples
     --------

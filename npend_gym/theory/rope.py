@@ -57,8 +57,8 @@ class _Wave(NamedTuple):
 def release_profile(s: ArrayLike) -> FloatArray:
     r"""Return when each part of a hanging rope completes its pseudo-period, in units of T1.
 
-    The rope hangs in a straight line at a small angle and is let go: the limit of many equal rods
-    of the definition "bob", whose chain has T1 = `large_n_period`.
+    The rope is released straight from a small angle. This is the limit of many equal rods, for the
+    definition "bob"; their T1 is `large_n_period`.
 
     Parameters
     ----------
@@ -79,13 +79,12 @@ def release_profile(s: ArrayLike) -> FloatArray:
 
     Notes
     -----
-    The second root t of sum_k J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)), t in
-    sqrt(L/g). Its terms fall as 1/k^2 alone and have a front in them, where they do so at best; the
-    sum from the 40th on is therefore turned into integrals (Abel and Plana's formula), and exact to
-    rounding. The bobs of N equal rods in small motion (`small_angle_periods`) differ from it, at N
-    = 20, 100 and 1000. The root mean square is 1.5e-3, 2.4e-4 and 1.5e-5, and the worst bob differs
-    by 4.9e-3, 1.2e-3 and 1.3e-4. This leaves out a few bobs near the pivot that turn early: 2, 4
-    and 12 of them.
+    The second root t of sum_k J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)), t in sqrt(L/g). Its
+    terms fall only as 1/k^2, and no faster at the front. So the sum from the 40th term on is turned
+    into integrals (Abel and Plana's formula), and is exact to rounding. The bobs of N equal rods in
+    small motion (`small_angle_periods`) differ from it, at N = 20, 100 and 1000. The root mean
+    square is 1.5e-3, 2.4e-4 and 1.5e-5, and the worst bob differs by 4.9e-3, 1.2e-3 and 1.3e-4.
+    This leaves out a few bobs near the pivot that turn early: 2, 4 and 12 of them.
 
     Examples
     --------
@@ -104,8 +103,8 @@ def release_profile(s: ArrayLike) -> FloatArray:
 def com_ratio() -> float:
     """Return the pseudo-period of the rope's centre of mass over T1, 0.988746.
 
-    The second root t of sum_k sin(j_k t/2) / j_k^3, whose terms are what the modes of the straight
-    rope have of the momentum.
+    The second root t of sum_k sin(j_k t/2) / j_k^3, whose terms are the contributions of the modes
+    of the straight rope to the momentum.
 
     Examples
     --------

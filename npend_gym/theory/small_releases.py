@@ -29,19 +29,20 @@ def small_angle_periods(chain: Chain) -> FloatArray:
     """Return the pseudo-period [s] of every bob after a straight release from a small angle.
 
     The limit of `npend_gym.pseudo_periods`, definition "bob", for angles that go to zero. It is
-    exact for chains of any masses, lengths and inertias, without friction, and nothing is
-    integrated: the velocities are sums of sines. Of many equal rods the limit is `release_profile`.
+    exact for chains of any masses, lengths and inertias, without friction, and needs no
+    integration: the velocities are sums of sines. For many equal rods it tends to
+    `release_profile`.
 
     Returns
     -------
     ndarray, shape (n,)
-        NaN where a bob does not reverse twice within ten periods of the slowest mode, and for all
-        where straight is no rest: without gravity, or with a link that rests upright.
+        NaN where a bob does not reverse twice within ten periods of the slowest mode. All are NaN
+        if the straight chain is not at rest: without gravity, or with a link that rests upright.
 
     Notes
     -----
-    Reversals are seen in samples, eight in a period of the fastest mode, and then halved in on to
-    rounding. One pair of reversals between two samples is not seen.
+    Eight samples per period of the fastest mode show the reversals; bisection then locates them to
+    rounding. A pair of reversals between two samples is missed.
 
     Examples
     --------
@@ -57,17 +58,17 @@ def small_angle_periods(chain: Chain) -> FloatArray:
 
 
 def com_period(chain: Chain | int, amplitude: ArrayLike = 0.0) -> FloatArray:
-    r"""Return the law of the pseudo-period [s] of a chain's centre of mass, of the angles' shape.
+    r"""Return the pseudo-period [s] of a chain's centre of mass by the law, in the angles' shape.
 
     The centre of mass of a chain that is released straight from `amplitude` reverses for the second
     time after T = T(0) (2/pi) K(sin(a/2)): T(0) is exact, by superposition of the normal modes, and
     grows with the angle as the period of one pendulum does (K is the complete elliptic integral).
-    There is no fitted number in it.
+    The law has no fitted number.
 
     Parameters
     ----------
     chain : Chain or int
-        A number stands for as many equal rods of 1 m. Damping and drag do not enter.
+        A number n stands for n equal rods of 1 m. Damping and drag are ignored.
     amplitude : array_like
         Starting angle of all rods [rad].
 
@@ -79,14 +80,14 @@ def com_period(chain: Chain | int, amplitude: ArrayLike = 0.0) -> FloatArray:
     Raises
     ------
     ValueError
-        If \|amplitude\| >= pi, or the rods are too many for their modes (10 000) and not equal.
+        If \|amplitude\| >= pi, or there are more than 10 000 rods that are not equal.
 
     Notes
     -----
-    The factor of the amplitude is exact for one pendulum. Of equal rods it is a law that was found
-    by simulation, within 0.2 % up to 1 rad; `docs/explanation/pseudo_period.md` has its error for
-    other chains, angles up to 1.2 rad and N = 1 to 1600. T(0) of more than 200 equal rods is that
-    of `large_n_com_period`, which is the same to 2e-7.
+    The factor of the amplitude is exact for one pendulum. For equal rods it was found by
+    simulation, and holds within 0.2 % up to 1 rad; `docs/explanation/pseudo_period.md` has its
+    error for other chains, angles up to 1.2 rad and N = 1 to 1600. For more than 200 equal rods,
+    T(0) is taken from `large_n_com_period`, which agrees to 2e-7.
 
     Examples
     --------

@@ -24,7 +24,7 @@ _LOST = 10.0  # limits, from which on a command does not come back
 
 
 def with_lag(a: FloatArray, b: FloatArray, lag: float) -> tuple[FloatArray, FloatArray]:
-    """Return A and B with the output of a motor as the last state, which follows the command."""
+    """Return A and B with a further state, the output of a motor that lags the command."""
     if lag == 0.0:
         return a, b
     driven = np.append(np.hstack([a, b]), np.zeros((1, len(a) + 1)), axis=0)

@@ -21,7 +21,7 @@ from npend_gym.theory.unstable_modes import UnstableModes
 
 @dataclass(frozen=True, eq=False)
 class LeastAction:
-    """The linear controller that needs the least mean squared action, and what it survives.
+    """The linear controller with the least mean squared action, and the noise that it survives.
 
     Attributes
     ----------
@@ -29,12 +29,12 @@ class LeastAction:
         Least mean of (u / limit)^2 that any linear controller needs, per square of the noise
         [1/rad^2].
     return_level : float
-        Command, in limits, from which the system just returns when the command is cut off at 1.
+        Command, in limits, from which the system just returns when commands are clipped at 1.
     noise : float
         Largest standard deviation of the noise [rad], of a cart's position [m].
     feedback : ndarray, shape (2m,), with a lag (2m + 1,)
-        K of the command u / limit = -K x; x is the estimate, predicted over the delay. The last
-        entry is that of the motor's output over the limit.
+        K of the command u / limit = -K x; x is the estimate, predicted over the delay. With a lag,
+        the last entry belongs to the motor's output over the limit.
     estimator : ndarray, shape (2m, m), with a lag (2m + 1, m)
         L of the filter: it adds L (measured - expected) to the estimate.
     """
@@ -48,7 +48,7 @@ class LeastAction:
 
 @dataclass(frozen=True, eq=False)
 class Hardness:
-    """What a system demands of sensors, motor and controller to be kept upright.
+    """The sensors, motor and controller that a system needs to be kept upright.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Hardness:
     lag : float
         Largest time constant [s] of a motor that the controller knows, with the same noise.
     static_delay : float
-        Delay [s] from which on no constant feedback of the delayed state keeps it upright.
+        At this delay [s] and beyond, no constant feedback of the delayed state keeps it upright.
     """
 
     poles: FloatArray
@@ -148,11 +148,11 @@ def least_action(
 
     Notes
     -----
-    Where noise drives the command beyond the limit, the system may be lost. Half of the episodes
-    last for T = `seconds` if the deviation of u is sqrt(c) / k, with c the `return_level` and
-    k^2 = 2 ln(T p / (pi ln 2)), p the fastest pole. For one pole and short steps this is Kramers'
-    rate of escape: c is 2, and the barrier is half of that without saturation. For several poles it
-    is a rule that agrees with simulations of the linear system.
+    If noise drives the command beyond the limit, the system may fall. Half of the episodes last for
+    T = `seconds` if the deviation of u is sqrt(c) / k, with c the `return_level` and k^2 = 2 ln(T p
+    / (pi ln 2)), p the fastest pole. For one pole and short steps this is Kramers' rate of escape:
+    c is 2, and the barrier is half of that without saturation. For several poles it is a rule that
+    agrees with simulations of the linear system.
 
     The system is followed in steps until it returns, which takes a time proportional to 1 / (dt p),
     with p the slowest pole: some seconds for 1 / (dt p) = 5000. `hardness` does so dozens of times.
@@ -218,15 +218,15 @@ def hardness(
     seconds: float = 20.0,
     share: float = 0.1,
 ) -> Hardness:
-    r"""Demands of a linearised chain on sensors, motor and controller, to be kept upright.
+    r"""Return the sensors, motor and controller that a linearised chain needs to be kept upright.
 
     Parameters
     ----------
     a, b, limit, dt, seconds
         As for `least_action`.
     share : float
-        Noise with which delay and lag are found, over the largest noise; between 0 and 1. A
-        controller that knows them is limited by nothing but the noise that they amplify.
+        Delay and lag are found at this share of the largest noise; between 0 and 1. A controller
+        that knows them is limited only by the noise that they amplify.
 
     Returns
     -------
@@ -241,7 +241,7 @@ def hardness(
     Notes
     -----
     A feedback k x(t - T) leads to the roots of d(s) exp(s T) + k(s), where d has the poles of A and
-    k any coefficients below the degree N of d. If all of them are stable, so are those of the
+    k any coefficients below the degree N of d. If all of them are stable, so are the roots of the
     N-th derivative, exp(s T) (T + d/ds)^N d(s). Its value at 0 is positive up to `static_delay`.
     For one rod that is sqrt(2) / p, where three roots meet at zero: J. Sieber and B. Krauskopf,
     *Extending the permissible control loop latency for the controlled inverted pendulum* (2004).
