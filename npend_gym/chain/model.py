@@ -201,7 +201,7 @@ class Chain(NamedChains):
 
     @cached_property
     def lift(self) -> FloatArray:
-        """Static moment h_i = m_i c_i + l_i sum_{k>i} m_k [kg m]: weight turns by -g h sin theta."""
+        """Static moment h_i = m_i c_i + l_i sum_{k>i} m_k [kg m]: torque -g h sin theta."""
         return _frozen(self.repeated(1).lift[0].copy())
 
     @property

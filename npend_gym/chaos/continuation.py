@@ -31,7 +31,7 @@ _FAR = 0.3  # from the extrapolation, at most
 
 
 class ContinuationError(RuntimeError):
-    """A family of periodic orbits cannot be followed as far as was asked."""
+    """A family of periodic orbits cannot be followed to the requested orbit."""
 
 
 class Shooting:

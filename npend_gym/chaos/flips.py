@@ -38,10 +38,10 @@ def flip_times(
     duration : float
         How long each motion is followed at most [s].
     rtol : float
-        Relative tolerance of the steps, in which the absolute one is a hundredth of it. With 1e-9
-        the energy of a double pendulum is kept to 1e-7 of the lifting energy over 10 s.
+        Relative tolerance of the steps; the absolute tolerance is a hundredth of it. With 1e-9 the
+        energy of a double pendulum is kept to 1e-7 of the lifting energy over 10 s.
     threads : int
-        That share the starts. No result depends on it.
+        Number of threads that share the starts. Results do not depend on it.
     pivot_acceleration : array_like of shape (2,), optional
         Constant acceleration of the pivot [m/s^2].
 
@@ -60,11 +60,11 @@ def flip_times(
 
     Notes
     -----
-    A start whose energy does not lift any rod to upright, with all others as low as they can be, is
-    not followed: nothing adds energy. Instants are zeros of the dense solution, by halving to the
-    resolution of time. A rod that passes upright and comes back within one step is found where its
-    angular velocity changes sign once. Such maps are those of J. S. Heyl, "The double pendulum
-    fractal" (2008).
+    A start is not integrated if its energy cannot lift any rod to upright, with all other rods as
+    low as possible: nothing adds energy. Instants are zeros of the dense solution, found by
+    bisection to the resolution of time. A rod that passes upright and comes back within one step is
+    found where its angular velocity changes sign once. J. S. Heyl made such maps, "The double
+    pendulum fractal" (2008).
 
     Examples
     --------

@@ -31,7 +31,7 @@ class Growth:
     times : ndarray, shape (T,)
         Instants [s], the first being a step after the start; the last is the duration.
     logarithm : ndarray, shape (T,)
-        Logarithm of the length of the tangent vector, by that at the start.
+        Logarithm of the length of the tangent vector, divided by its length at the start.
     """
 
     times: FloatArray
@@ -53,7 +53,7 @@ class Growth:
 
     @property
     def bound(self) -> float:
-        """Rate [1/s] below which this run cannot tell chaos from the linear growth of order.
+        """Rate [1/s] below which this run cannot tell chaos from linear, regular growth.
 
         Linear growth, with swings of a factor of 30 on top, over the second half.
         """
@@ -62,13 +62,13 @@ class Growth:
     def onset(self, rate: float = 0.3, share: float = 0.02) -> float | None:
         """Return when fast growth begins [s]: at `rate` [1/s] and more over a `share` of the run.
 
-        None where it does not. The time depends on both arguments: it says when this run passes
-        them, and is no property of the motion.
+        None if it does not begin. The time depends on both arguments: it is a property of this run
+        and not of the motion.
 
         Raises
         ------
         TypeError, ValueError
-            If `rate` is no number, or `share` is none between 0 and 1.
+            If `rate` is not a number, or `share` is not a number between 0 and 1.
         """
         rate = _checks.number("rate", rate)
         if not 0.0 <= (share := _checks.number("share", share)) <= 1.0:
@@ -86,7 +86,7 @@ class Growth:
         Raises
         ------
         TypeError, ValueError
-            If `start` is no time between 0 and the duration.
+            If `start` is not a time between 0 and the duration.
         """
         last, end = self.times.size - 1, float(self.times[-1])
         if start is not None and not 0.0 <= (start := _checks.number("start", start)) <= end:
@@ -181,13 +181,13 @@ def log_growth(
 def neighbour_distance(
     chain: Chain, theta: ArrayLike, change: ArrayLike, times: ArrayLike
 ) -> FloatArray:
-    """Return how far two releases from rest are apart, as tightly integrated as can be.
+    """Return the distance of two releases from rest, integrated as tightly as possible.
 
     Parameters
     ----------
     chain : Chain
     theta, change : array_like, shape (n,)
-        Angles of the one start, and how much those of the other differ from them [rad].
+        Angles of the first start, and the change that gives the second start [rad].
     times : array_like, shape (T,)
         Instants [s], increasing; both releases happen at the first of them.
 
@@ -215,11 +215,11 @@ def neighbour_distance(
 
 
 def volume_change(chain: Chain, theta0: float = 1.0, duration: float = 2.0) -> float:
-    """Return by how much volume in phase space changes along a motion, relatively.
+    """Return the relative change of a volume in phase space along a motion.
 
-    The determinant of the flow's derivative in (theta, omega), times that of the mass matrix at
-    the end by that at the start: the volume in angles and momenta. The motion starts with all rods
-    at `theta0` [rad] and 0.5 rad/s, and lasts `duration` [s].
+    This is the volume in angles and momenta: the determinant of the flow's derivative in (theta,
+    omega), times the ratio of the mass matrix's determinants at the end and at the start. The
+    motion starts with all rods at `theta0` [rad] and 0.5 rad/s, and lasts `duration` [s].
 
     Examples
     --------

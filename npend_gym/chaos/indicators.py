@@ -32,12 +32,12 @@ class LargestExponent:
     exponent : float
         In 1/s, the last of `history`.
     error : float
-        Its standard error [1/s]; of a regular motion, whose exponent is zero, what is to be
-        expected of its estimate.
+        Its standard error [1/s]. For a regular motion, whose exponent is zero, it is the expected
+        size of the estimate.
     times : ndarray, shape (T,)
         Instants [s], increasing, after the first tenth of the motion.
     history : ndarray, shape (T,)
-        What the exponent was estimated as at those instants [1/s].
+        Estimates of the exponent at those instants [1/s].
     provenance : dict
         What made it: versions and arguments.
     """
@@ -106,7 +106,7 @@ def largest_lyapunov(
         How long the motion is followed [s]: the error falls off as one over its square root in
         chaos, as 1/t in regular motion.
     rtol : float
-        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+        Relative tolerance of the motion's steps; the absolute tolerance is a hundredth of it.
     progress : callable
         Wraps the iteration over hundredths of the duration, for a progress bar.
     torque, force, pivot_acceleration : array_like, Signal or callable, optional
@@ -133,12 +133,12 @@ def largest_lyapunov(
     The rates of 8, 16 and 32 blocks of equal length scatter, and the largest of the three standard
     errors of their mean is the statistical one: correlations longer than a block make it too small.
     To it is added, in quadrature, ln(10) / (t - t0), the rate of the linear growth that regular
-    motion has. Where a motion stays near islands of regular motion for long, no estimate sees what
-    comes after.
+    motion has. If a motion stays near islands of regular motion for long, the estimate cannot show
+    what comes after.
 
-    Neighbours of a driven motion have the same drive at the same time: the exponent that time has
-    of its own, 0, is left out. In no step with a function does the fastest mode turn by more than
-    0.5 rad. Give shorter pulses as a `Signal`.
+    Neighbours of a driven motion have the same drive at the same time, so the exponent of time,
+    which is 0, is left out. In no step with a function does the fastest mode turn by more than 0.5
+    rad. Give shorter pulses as a `Signal`.
 
     Examples
     --------
@@ -175,12 +175,13 @@ def megno(
     force: ArrayLike | TimeVarying = 0.0,
     pivot_acceleration: ArrayLike | TimeVarying | None = None,
 ) -> Megno:
-    """Return MEGNO, which tells regular motion from chaos within few periods, for any n.
+    """Return MEGNO, which tells regular motion from chaos within a few periods, for any n.
 
     Parameters
     ----------
     chain, theta, omega, duration, rtol, progress, torque, force, pivot_acceleration
-        As for `largest_lyapunov`. Some hundred periods of the slowest mode tell weak chaos too.
+        As for `largest_lyapunov`. Over some hundred periods of the slowest mode it detects weak
+        chaos too.
 
     Returns
     -------

@@ -37,7 +37,7 @@ class PeriodicOrbit:
     ----------
     chain : Chain
     mode : int
-        From which normal mode it comes, the slowest being 0.
+        Normal mode from which the orbit comes; 0 is the slowest.
     theta : ndarray, shape (n,)
         Angles of the release from rest [rad].
     period : float
@@ -47,12 +47,12 @@ class PeriodicOrbit:
     amplitude : float
         The largest of the angles of the release [rad].
     multipliers : ndarray of complex, shape (2n - 2,)
-        By how much small changes of the orbit grow in a period, the largest first: eigenvalues of
-        the monodromy matrix. Two are left out, which are 1 on every such orbit: for a change along
-        the orbit, and for a change to the next orbit of the family.
+        Factors by which small changes of the orbit grow in a period, the largest first: eigenvalues
+        of the monodromy matrix. Two of them are 1 on every such orbit and are left out: for a
+        change along the orbit, and for a change to the next orbit of the family.
     closure : float
-        How far angles [rad], and angular velocities over the mode's frequency, are from the start
-        after one period, at most.
+        Largest distance from the start after one period, in angles [rad] and in angular velocities
+        over the mode's frequency.
     provenance : dict
         What made it: versions and arguments.
     """
@@ -95,8 +95,8 @@ def periodic_orbits(
     mode : int
         The normal mode from which to start, from 0, the slowest, to n - 1.
     amplitudes : array_like, shape (K,)
-        For which orbits are wanted: the largest angle of the release from rest [rad], increasing
-        and below pi.
+        Amplitudes of the orbits: the largest angle of the release from rest [rad], increasing and
+        below pi.
     energies : array_like, shape (K,)
         In place of `amplitudes`: energies above hanging at rest [J], increasing.
     progress : callable
@@ -121,10 +121,10 @@ def periodic_orbits(
     (Peeters, Viguie, Serandour, Kerschen and Golinval, Mech. Syst. Signal Process. 23, 2009). Such
     orbits come back because the equations are the same when time runs backwards.
 
-    Where a multiple of the orbit's frequency meets that of a faster mode, the family may turn back.
-    It is then looked for at larger energies; in the gap it has no orbits. An amplitude that the
-    family has more than once belongs to the first orbit. Small changes grow by the largest
-    multiplier in a period, and so do rounding errors: `closure` is about that times 1e-16.
+    Where a multiple of the orbit's frequency meets the frequency of a faster mode, the family may
+    turn back. The search then continues at larger energies; in the gap there are no orbits. If
+    several orbits have the same amplitude, the first one is returned. Small changes grow by the
+    largest multiplier in a period, and so do rounding errors: `closure` is about that times 1e-16.
 
     Examples
     --------

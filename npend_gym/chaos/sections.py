@@ -50,10 +50,11 @@ class Section:
     provenance: dict[str, Any]
 
     def period(self, tolerance: float = 1e-6) -> int | None:
-        """Return after how many points the section repeats, or None: not within half of them.
+        """Return the number of points after which the section repeats, or None.
 
-        Angles and angular velocities repeat to the `tolerance` [rad, rad/s], whole turns aside. In
-        a stroboscopic section the number is that of the attractor: 2 after a period doubling.
+        It is None if it would exceed half of the number of points. Angles and angular velocities
+        repeat to the `tolerance` [rad, rad/s], whole turns aside. In a stroboscopic section it is
+        the period of the attractor: 2 after a period doubling.
         """
         tolerance = _checks.positive_number("tolerance", tolerance)
         points = len(self.times)
@@ -94,13 +95,13 @@ def poincare_section(
     duration : float
         How long the motion is followed [s].
     rod : int
-        Whose angle it is, counted from 0 at the pivot; -1 is the last.
+        Rod that passes the angle, counted from 0 at the pivot; -1 is the last.
     angle : float
         Of the rod [rad], from the downward vertical.
     direction : {1, -1}
         1: the rod's angular velocity is positive there; -1: negative.
     rtol : float
-        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+        Relative tolerance of the motion's steps; the absolute tolerance is a hundredth of it.
     progress : callable
         Wraps the iteration over parts of the duration, for a progress bar.
     torque, force, pivot_acceleration : array_like, Signal or callable, optional
@@ -122,8 +123,8 @@ def poincare_section(
     Points are events of `simulate`, located to 1e-12 s. Two passages within a quarter of a step may
     be missed, where a rod turns back just after the angle.
 
-    A section of two rods, of one energy and with one direction, is a plane in which regular motion
-    draws curves, and chaos fills areas (M. Henon and C. Heiles, Astron. J. 69, 1964).
+    For two rods with a given energy and one direction, the section is a plane. Regular motion draws
+    curves there, and chaos fills areas (M. Henon and C. Heiles, Astron. J. 69, 1964).
 
     Examples
     --------
@@ -179,7 +180,7 @@ def stroboscopic_section(
     force: ArrayLike | TimeVarying = 0.0,
     pivot_acceleration: ArrayLike | TimeVarying | None = None,
 ) -> Section:
-    """Return the states of a driven chain once in each period of its drive.
+    """Return the states of a driven chain once per period of its drive.
 
     Parameters
     ----------
@@ -194,7 +195,7 @@ def stroboscopic_section(
     discard : int
         Number of periods before the first point, in which the motion approaches its attractor.
     rtol : float
-        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+        Relative tolerance of the motion's steps; the absolute tolerance is a hundredth of it.
     progress : callable
         Wraps the iteration over hundredths of the motion, for a progress bar.
     torque, force, pivot_acceleration : array_like, Signal or callable, optional

@@ -37,7 +37,7 @@ class LyapunovSpectrum:
     times : ndarray, shape (T,)
         Instants [s], increasing, the last being the end of the motion.
     history : ndarray, shape (T, k)
-        What the exponents were estimated as at those instants [1/s].
+        Estimates of the exponents at those instants [1/s].
     provenance : dict
         What made it: versions and arguments.
     """
@@ -77,9 +77,9 @@ def lyapunov_spectrum(
         How many exponents, the largest first; by default all, two for each coordinate: rods,
         a cart and stretches of springs. The time grows with it.
     samples : int
-        How many instants the history has, at most: one for each orthogonalisation.
+        Largest number of instants in the history, one for each orthogonalisation.
     rtol : float
-        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+        Relative tolerance of the motion's steps; the absolute tolerance is a hundredth of it.
     progress : callable
         Wraps the iteration over the instants, for a progress bar.
     torque, force, pivot_acceleration : array_like, Signal or callable, optional
@@ -92,7 +92,7 @@ def lyapunov_spectrum(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule: `count` is more than there are, say.
+        If an argument breaks its rule: for example if `count` exceeds the number of exponents.
     IntegrationError
         If the motion diverges.
 
@@ -102,14 +102,13 @@ def lyapunov_spectrum(
     steps of the integrator. Every few steps a QR factorisation makes them orthogonal. The
     logarithms of its diagonal are summed and divided by the time.
 
-    Lengths are measured in angles and canonical momenta p = M(theta) omega, in units that make both
-    alike. In these the flow is symplectic without damping, and the vectors start as a symplectic
-    basis, partners last to first: exponents then come in pairs +-lambda and add up to zero at any
-    time, to the error of the integration. In (theta, omega) the sum has the term [log
+    Lengths are measured in angles and canonical momenta p = M(theta) omega, in units that give both
+    the same scale. In these the flow is symplectic without damping, and the vectors start as a
+    symplectic basis, partners last to first: exponents then come in pairs +-lambda and add up to
+    zero at any time, to the error of the integration. In (theta, omega) the sum has the term [log
     det M(start) - log det M(end)] / t besides. With damping, the sum at any time is the mean of the
     flow's divergence, of -trace(M^-1 D) if the damping torques are -D omega. A drive changes none
-    of this. Time and a pivot whose motion is prescribed have exponents of their own, 0, which are
-    left out.
+    of this. Time and a pivot with prescribed motion have exponents of 0, which are left out.
 
     Examples
     --------

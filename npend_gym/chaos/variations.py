@@ -57,9 +57,9 @@ def tangents(
         Changes of all coordinates and their rates at the start, float64; it is overwritten. A list
         or a read-only array is copied, and the copy overwritten.
     rtol : float
-        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+        Relative tolerance of the motion's steps; the absolute tolerance is a hundredth of it.
     steps : int
-        Of the motion, in one iteration, at most.
+        Largest number of steps of the motion in one iteration.
     torque, force, pivot_acceleration : array_like, Signal or callable, optional
         What drives the chain, as in `simulate`; functions of time alone.
 
