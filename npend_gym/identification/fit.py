@@ -59,25 +59,25 @@ def identify(
         are held until the next row, give the mean of each and the one before. Without torques the
         motion is taken as free.
     chain : Chain, dict or str
-        What is known: lengths, gravity, masses, friction speed, gears; and the values of what is
-        not fitted. It is the scale of free swings, whose data has none: lift0 is kept, or inertia0
-        where gravity or lift0 is zero.
+        Known values: lengths, gravity, masses, friction speed, gears, and all that is not fitted.
+        It sets the scale of free swings, whose data has none: lift0 is kept, or inertia0 where
+        gravity or lift0 is zero.
     piece : array_like of int, shape (T,), optional
         Which recording each row is from; all from one by default.
     fit : sequence of str, optional
         What to fit, of each link: "inertia", "lift", "damping", "friction", "drag",
         "quadratic_drag", "armature", "length" (of all links but the last), "offset" (an angle of
-        `theta` less the true one). By default inertia and lift, and as many of damping, friction,
-        "quadratic_drag" and (with torques) armature as the data support. What is named is fitted.
+        `theta` minus the true one). By default inertia and lift, and as many of damping, friction,
+        "quadratic_drag" and (with torques) armature as the data support. All named terms are
+        fitted.
     segment : float, optional
-        Longest time [s] that is simulated from one first state, which is fitted; that of 20 rows
-        at least. By default four typical periods of the motion. Less is taken where the motion is
-        too sensitive.
+        Longest time [s] simulated from one initial state, which is fitted; at least 20 rows. By
+        default four typical periods of the motion, or less if the motion is too sensitive.
     held_out : float
-        Share of the segments, 0 to 0.5, that are not fitted, and judge the fit; they are evenly
-        spaced. A single segment is fitted.
+        Share of the segments, 0 to 0.5, that are held out to test the fit; they are evenly spaced.
+        A single segment is fitted.
     position : array_like, shape (T,), optional
-        Of a pivot, or a cart, that was moved sideways: its measured positions [m], at `times`.
+        Measured positions [m], at `times`, of a pivot or a cart that was moved sideways.
 
     Returns
     -------
@@ -88,33 +88,33 @@ def identify(
     ValueError, TypeError
         If an argument breaks its rule, or free swings are 100 times as slow or as fast as those of
         the given chain: times in milliseconds are refused. If the angles fit much better as
-        degrees, angles of joints, angles from upright, or angular velocities, or with shorter
-        times: those of a film in slow motion.
+        degrees, angles of joints, angles from upright, or angular velocities. If they fit much
+        better with shorter times, as from a film in slow motion.
     RuntimeError
-        If no chain with the given lengths moves like the data, or the fitted one is no pendulum:
-        centres ten lengths from their joint, ten times the given mass, or a period ten times that
-        of the data.
+        If no chain with the given lengths moves like the data, or the fitted one is not a pendulum:
+        centres ten lengths from their joint, ten times the given mass, or ten times the period of
+        the data.
 
     Warns
     -----
     UserWarning
         If the angles are likely to be degrees, or lengths centimetres or millimetres. If a piece
         has no 20 rows without a gap, or there is no segment to hold out. If the fitted chain moves
-        otherwise than the data, or few segments with lasting errors determine many values. If a
-        fitted value is unlikely for a pendulum in air, or for times in seconds. If times were
+        differently from the data, or few segments with persistent errors determine many values. If
+        a fitted value is unlikely for a pendulum in air, or for times in seconds. If times were
         rounded: they are taken as evenly spaced.
 
     Notes
     -----
-    A regression of the equations of motion, in which what is fitted is linear, gives
-    first values. Multiple shooting refines them: it simulates segments of the motion, each from its
-    own first state. Robust least squares fits their angles, with segments that become longer. Its
+    A regression of the equations of motion, which are linear in the fitted values, gives first
+    values. Multiple shooting refines them: it simulates segments of the motion, each from its own
+    initial state. Robust least squares fits their angles, with segments that become longer. Its
     results do not depend on chance. docs/howto/real_pendulum.md has an example.
 
-    Which terms the data support is decided without the held-out segments: each of the others is
-    predicted from the rest (leave-one-out cross-validation). The fewest terms are fitted whose
-    squared errors are within one standard error of the least. `Identification.left_out` names the
-    others. Where few segments with lasting errors tell nothing apart, all terms are fitted.
+    Leave-one-out cross-validation decides which terms the data support: it predicts each segment
+    from the others, without the held-out ones. The fit has the fewest terms whose squared errors
+    are within one standard error of the smallest. `Identification.left_out` names the other terms.
+    If few segments with persistent errors cannot distinguish terms, all are fitted.
 
     Examples
     --------
@@ -142,14 +142,14 @@ def prediction_rmse(
 ) -> float:
     """Return the root mean square error with which a chain predicts measured angles [rad].
 
-    Each segment is simulated from a first state that is fitted to it.
+    Each segment is simulated from an initial state that is fitted to it.
 
     Parameters
     ----------
     times, theta, torque, piece, segment, position
         As for `identify`.
     chain : Chain, dict or str
-        The chain; nothing of it is fitted.
+        The chain, which is not fitted.
 
     Returns
     -------

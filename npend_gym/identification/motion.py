@@ -40,7 +40,7 @@ class Motion:
     torque : ndarray, shape (T, n), or None
         Torque at each joint [N m]; None for free swings.
     piece : ndarray, int64, shape (T,)
-        Which recording each row is from; the rows of one stand together.
+        Which recording each row is from; the rows of one recording stand together.
     position, acceleration : ndarray, shape (T,), or None
         Sideways position [m] and acceleration [m/s^2] of the pivot; None where it rests.
     """
@@ -89,7 +89,7 @@ class Motion:
     def cut(self, stretches: Sequence[slice], duration: float) -> list[slice]:
         """Return the rows of stretches, each cut into equal parts of at most `duration` [s].
 
-        Parts are longer where so short ones would have fewer than 20 rows.
+        Parts are longer if they would have fewer than 20 rows.
         """
         out: list[slice] = []
         for rows in stretches:
@@ -108,8 +108,8 @@ class Motion:
     def period(self) -> float:
         """Return 2 pi times the median deviation of the angles over the median speed [s].
 
-        It is the period of a swing that is a sine, in the part of each stretch in which the angle
-        moves. Deviations above pi count as pi: they are those of links that turn over.
+        This is the period of a sinusoidal swing, in the part of each stretch in which the angle
+        moves. Deviations above pi count as pi: they come from links that turn over.
         """
         periods: list[float] = []
         for rows, link in product(self.stretches(), range(self.links)):

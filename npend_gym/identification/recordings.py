@@ -55,23 +55,23 @@ def read_motion(
     ``position`` [m] of a pivot, or a cart, that moved sideways. The order of the columns does not
     matter, and others are not read.
 
-    Exports of other programs are recognised by what stands in them; see the notes.
+    Exports of other programs are recognised by their content; see the notes.
 
     Parameters
     ----------
     *paths : path-like
-        One or several files of the same chain; their pieces are numbered on.
+        One or several files of the same chain; their pieces are numbered consecutively.
     columns : mapping of str to str, optional
         Names of columns in the files, where they differ from these, such as "q1" for "theta0".
-        It overrules what is recognised: columns are then taken as they stand. Positions of bobs are
-        "x0", "y0", ..., rates "omega0", ....
+        Formats are then not recognised: columns are read as they are. Positions of bobs are "x0",
+        "y0", ..., rates "omega0", ....
     degrees : bool
         The angles are in degrees.
     relative : bool
         Angles are relative: each link's from the direction of the link above. They become absolute
-        ones, to which fitted offsets belong.
+        angles, and fitted offsets refer to these.
     fps : float, optional
-        Frames in a second, where a file has their numbers, or rows alone, in place of times.
+        Frames per second, for a file that has frame numbers, or only rows, in place of times.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def read_motion(
 
     Notes
     -----
-    What is read of files in other layouts, without an argument:
+    Files in these other layouts are read without an argument:
 
     - Tracker: one or several tracks; x and y, or theta from the x axis, in degrees;
     - phyphox: CSV or zip of the gyroscope; rates about the axis of the swing;
@@ -97,12 +97,11 @@ def read_motion(
     - tables with names after ``%`` or ``#``, as of Schmidt and Lipson;
     - pixels of markers, x and y of each without names, y down; they need `fps`.
 
-    Tabs, commas, semicolons or blanks stand between columns, decimals may have commas. Rows with
-    empty cells are left out. Positions become angles: the pivot is the first marker if it rests, or
-    the origin, or the centre of the circle of the first bob. Rates are integrated; a steady rate
-    and the mean angle count as zero. `npend identify` prints how it understood a file, how many
-    rows it left out, and the lengths that positions show. Columns without names are called "1",
-    "2", ....
+    Tabs, commas, semicolons or blanks separate columns; decimals may have commas. Rows with empty
+    cells are left out. Positions become angles: the pivot is the first marker if it rests, or the
+    origin, or the centre of the circle of the first bob. Rates are integrated; a steady rate and
+    the mean angle count as zero. `npend identify` prints how it understood a file, how many rows it
+    left out, and the lengths that positions show. Columns without names are called "1", "2", ....
 
     Examples
     --------

@@ -24,15 +24,15 @@ class Identification:
     names, units : tuple of str
         The k fitted values, such as "inertia0" and "kg m^2"; see the notes.
     values, standard_errors : ndarray, shape (k,)
-        The values and their standard errors; infinite where the data do not determine a value.
-        They are those of a fit without bounds, also where a value ended at its bound, zero.
+        The values and their standard errors; infinite where the data do not determine a value. The
+        errors are from a fit without bounds, also for a value at its bound, zero.
     correlation : ndarray, shape (k, k)
         Correlation of the errors.
     chain_errors : dict of str to ndarray, shape (n,)
         Standard errors of parameters of `chain` by name, the masses taken as exact. NaN where the
         data do not determine a parameter.
     offsets : ndarray, shape (n,)
-        Measured less true angles [rad], absolute ones; zero where they were not fitted. The encoder
+        Measured minus true absolute angles [rad]; zero where they were not fitted. The encoder
         between two links is off by the difference of their offsets.
     left_out : tuple of str
         Terms of the default that the data do not support, in sentences: they are not fitted.
@@ -45,15 +45,16 @@ class Identification:
         completes no swing.
     given_rmse : float
         Root mean square error of all angles [rad] of the given chain over the segments that were
-        held out, each segment's first state being fitted. NaN where there are none, infinite if
-        the chain does not move like the data at all; so are the errors of the fitted chain below.
+        held out, each segment's initial state being fitted. NaN if none was held out, infinite if
+        the chain does not move like the data at all. The same holds for the errors of the fitted
+        chain below.
     segments : tuple of dict
         For each segment: "piece", "start" and "end" [s], "held_out", "rmse" and "given_rmse".
     outliers : ndarray, bool, shape (T, n)
         Measured angles whose error exceeds six times the scatter of all. They count less in the
         fit, but fully in the errors above.
     residuals : ndarray, shape (T, n)
-        Simulated less measured angles [rad] in the rows of the data; NaN where not simulated.
+        Simulated minus measured angles [rad] in the rows of the data; NaN where not simulated.
     held_out : ndarray, bool, shape (T,)
         Which rows were held out.
     undetermined : tuple of str
@@ -95,7 +96,7 @@ class Identification:
 
     @property
     def fitted_rmse(self) -> float:
-        """The same of the segments that were fitted [rad]."""
+        """Root mean square error of the angles of the fitted segments [rad]."""
         return _rms(self.residuals[~self.held_out])
 
     @property

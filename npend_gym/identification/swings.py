@@ -19,7 +19,7 @@ _LEAST = 4  # swings, which determine a period, a decay and the errors of both
 
 @dataclass(frozen=True, eq=False)
 class Swings:
-    """What `measure_swings` measured.
+    """The results of `measure_swings`.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Swings:
         Q, pi over gamma times the period; infinite where nothing decays.
     gravity, gravity_error, length, length_error : float
         Acceleration of gravity [m/s^2], and distance from the pivot to the bob's centre [m]. The
-        one that was given has the error that was given; NaN where neither was given.
+        given one has the given error; NaN if neither was given.
     centre : float
         Middle of the swings [rad]: the zero of the sensor.
     """
@@ -54,7 +54,7 @@ class Swings:
     centre: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all numbers but those of each swing, NaN and infinity as None."""
+        """Return all numbers except the lists of swings; NaN and infinity become None."""
         numbers = {k: v for k, v in vars(self).items() if isinstance(v, float)}
         return {k: v if math.isfinite(v) else None for k, v in numbers.items()}
 
@@ -93,10 +93,10 @@ def measure_swings(
 
     Notes
     -----
-    A swing lasts from one passage through its middle to the next. The instants of the passages
-    are regressed on the sum of the elliptic factors, (2/pi) K(sin(A/2)) of amplitude A; the slope
-    is the period of small swings. Its standard error is that of the regression. Damping makes a
-    period longer by 1 + 1/(8 Q^2), which is taken off.
+    A swing lasts from one passage through its middle to the next. The instants of the passages are
+    regressed on the sum of the elliptic factors, (2/pi) K(sin(A/2)) of amplitude A; the slope is
+    the period of small swings. Its standard error is from the regression. Damping makes a period
+    longer by the factor 1 + 1/(8 Q^2), which is divided out.
 
     Examples
     --------
