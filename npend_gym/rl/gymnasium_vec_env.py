@@ -34,8 +34,8 @@ class SB3VecEnv(VecEnv):
     venv : gymnasium.vector.VectorEnv
         With the autoreset mode SAME_STEP, which SB3 assumes.
     info_keys : sequence of str
-        Keys of the info that are passed on in every step. The last info of an episode is passed
-        on bare. To pass on all keys in every step, as one dict for every environment, would take
+        Keys of the info that are passed on in every step. The last info of an episode is passed on
+        in full. Passing on all keys in every step, as one dict for each environment, would take
         longer than the step itself.
 
     Raises

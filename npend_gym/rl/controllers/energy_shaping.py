@@ -83,7 +83,7 @@ def energy_swing_up(
     """Return a swing-up by energy shaping followed by `lqr`, for a motor at the base or a cart.
 
     The defaults did best for n = 2 among gains of 3 to 100 and costs of 5 to 50, in the 200
-    episodes of the seeds 0 to 199. A cart is to stand at `cart_position` [m].
+    episodes of the seeds 0 to 199. A cart should stand at `cart_position` [m].
 
     Raises
     ------

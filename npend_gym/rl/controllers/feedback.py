@@ -81,9 +81,9 @@ def state_feedback(
         ``linearise(config.chain, angle, joints=config.joints)``. The gain of `lqr` is of actions:
         ``lqr(config).gain * config.action_limits[:, None]`` is in these units.
     angle : float or ndarray, shape (n,)
-        Where the rods are to be [rad]: 0 for hanging, pi for upright, for all or for each.
+        Goal of the rods [rad]: 0 for hanging, pi for upright, for all or for each.
     cart_position : float
-        Where the cart is to be [m].
+        Goal of the cart [m].
 
     Raises
     ------

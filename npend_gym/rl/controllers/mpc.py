@@ -34,17 +34,18 @@ class MPC:
 
     In every step it plans the motion over the horizon, beginning with the plan of the step before.
     It takes the first actions of the plan. So it swings up, balances, and recovers from pushes that
-    `lqr` does not survive. Environments are independent of each other; one whose time is not a step
-    later than in the call before, because its episode is new, is planned from the start.
+    `lqr` does not survive. Environments are independent of each other. If the time of one is not a
+    step later than in the previous call, its episode is new. It is then planned from the start.
 
     Parameters
     ----------
     config : EnvConfig
-        Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The plan is made
-        of its own steps, with ideal motors and sensors. Dry friction fades in it below the speed of
-        a swing of 0.03 rad, because feedback for friction at rest fails once noise moves a joint.
+        Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The plan has the
+        steps of the environment, with ideal motors and sensors. In the plan, dry friction fades
+        below the speed of a swing of 0.03 rad. Feedback for friction at rest would fail once noise
+        moves a joint.
     angle : float or array_like, shape (n,)
-        Where the rods shall be at rest [rad]; by default all upright.
+        Angles at which the rods should rest [rad]; by default all upright.
     horizon : float, optional
         How far it looks ahead [s]; by default for one period of the chain's slowest normal mode.
     iterations : int
@@ -54,12 +55,12 @@ class MPC:
     action_weight, last_weight : float
         The cost of a state is the sum over the rods of 2 - 2 cos(theta - angle) + (l / g) omega^2,
         where l is the mean length of the rods; of an action `action_weight` times its square. A
-        cart adds what it adds for `lqr`, and much more near the ends of its rail. The cost of the
-        last state is multiplied by `last_weight`.
+        cart adds the same cost as in `lqr`, and much more near the ends of its rail. The cost of
+        the last state is multiplied by `last_weight`.
     seed : int
         Seed of the actions from which the first plan begins.
     cart_position : float
-        Where a cart is to stand [m].
+        Position at which a cart should stand [m].
 
     Attributes
     ----------
@@ -75,9 +76,9 @@ class MPC:
 
     Notes
     -----
-    The method is that of Y. Tassa, N. Mansard, E. Todorov, "Control-limited differential dynamic
-    programming", ICRA 2014; to improve the plan once in every step is that of Y. Tassa, T. Erez,
-    E. Todorov, "Synthesis and stabilization of complex behaviors through online trajectory
+    The method is from Y. Tassa, N. Mansard, E. Todorov, "Control-limited differential dynamic
+    programming", ICRA 2014. Improving the plan once in every step is from Y. Tassa, T. Erez, E.
+    Todorov, "Synthesis and stabilization of complex behaviors through online trajectory
     optimization", IROS 2012.
 
     Examples
@@ -124,7 +125,7 @@ class MPC:
         self.reset()
 
     def reset(self, num_envs: int = 0) -> None:
-        """Forget all plans; `num_envs` changes nothing."""
+        """Forget all plans; `num_envs` has no effect."""
         del num_envs
         self._lanes, self._time = np.zeros(0, np.int64), np.zeros(0)  # that have plans, and when
 

@@ -103,7 +103,7 @@ class PlannedTransition:
 
     @property
     def sensitivity(self) -> float:
-        """The cost of the worst deviation of length one at the start."""
+        """The cost of the worst unit deviation at the start."""
         return float(np.linalg.eigvalsh(self.costs[0])[-1])
 
 
@@ -121,9 +121,9 @@ def planned_swing_up(
     """Plan swing-ups and return the one that is least sensitive to deviations at its start.
 
     It is `planned_transition` from hanging to upright, which explains the arguments. By default the
-    guesses are "waves", of which about half lead to a trajectory. Where none does they are "mpc",
-    of which nearly all do, with up to six rods. The modes "balance" and "calm", whose episodes
-    begin elsewhere, are a ValueError.
+    guesses are "waves"; about half of them lead to a trajectory. If none does, the guesses are
+    "mpc"; nearly all of these do, with up to six rods. The modes "balance" and "calm", whose
+    episodes begin elsewhere, raise a ValueError.
 
     Examples
     --------
@@ -167,22 +167,22 @@ def planned_transition(
     ----------
     config : EnvConfig
         Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The trajectory
-        is made of its own steps, with dry friction. The gains take friction as `lqr` does about the
-        goal.
+        has the steps of the environment, with dry friction. The gains treat friction as `lqr` does
+        about the goal.
     start, goal : float or array_like, shape (n,)
         Two different equilibria: 0 for a rod that hangs, pi for one that stands [rad]. They may be
         the same where a cart moves.
     seconds : float, optional
-        Duration of the trajectory; by default 6 s, or 12 s or 24 s where no shorter one is found.
+        Duration of the trajectory; by default 6 s, or 12 s or 24 s if no shorter one is found.
     settle : float
         Time [s] for which LQR about the start calms the chain before the trajectory begins.
     tries : int
         Number of first guesses, drawn from `seed`.
     guess : str, optional
         "waves", random paths that are no motions; or "mpc", transitions by `MPC` from near the
-        start, which take longer to guess, but lead to a trajectory more often. On a cart, where
-        none of these does, `MPC` guesses again on a longer rail. By default "mpc", and "waves"
-        where that finds nothing.
+        start, which take longer, but lead to a trajectory more often. On a cart, if none of these
+        does, `MPC` guesses again on a longer rail. By default "mpc", and "waves" if "mpc" finds
+        nothing.
     seed : int
         Seed of the guesses.
     progress : callable

@@ -46,7 +46,7 @@ def reference_controller(
 ) -> Controller:
     """Return one of `CONTROLLERS` for an environment, which is given as for `evaluate`.
 
-    Where episodes have goals it must be "plan".
+    If episodes have goals, the controller must be "plan".
 
     Parameters
     ----------

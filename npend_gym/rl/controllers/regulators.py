@@ -77,11 +77,11 @@ def lqr(
     rods, plus `action_weight` times the squared actions; l is the mean length of the rods. A cart
     adds 4 (position^2 + (l / g) velocity^2) / rail^2, with the position from `cart_position`.
 
-    Dry friction is no linear force. In joints with a motor it is left out. In the others it fades
-    below the speed of a swing of 0.03 rad, and so acts at rest as a damper; or it is left out. The
-    choice is whichever has the smaller gains, so that the motor reaches its limit at larger
-    deviations. Strong friction holds a passive joint still and is best taken as a damper. Weak
-    friction is best left out. Between them the gains with a damper become infinite.
+    Dry friction is not a linear force. In joints with a motor it is left out. In the others there
+    are two ways. It fades below the speed of a swing of 0.03 rad, and so acts as a damper at rest;
+    or it is left out too. `lqr` chooses the way with the smaller gains, so that the motor reaches
+    its limit at larger deviations. Strong friction holds a passive joint still and is best taken as
+    a damper. Weak friction is best left out. In between, the gains with a damper become infinite.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def lqr(
         is a torque or force over its limit: weights W of torques are
         ``R = W * np.outer(config.action_limits, config.action_limits)``.
     cart_position : float
-        Where the cart is to stand [m], within the rail.
+        Position at which the cart should stand [m], within the rail.
 
     Raises
     ------
@@ -251,11 +251,11 @@ def time_scale(config: EnvConfig) -> float:
 def modal_damping(config: EnvConfig) -> StateFeedback:
     """Return a viscous brake by the first motor that damps the slowest mode as fast as possible.
 
-    Its strength minimises the spectral radius of a step of the linear system about hanging at
-    rest. A brake takes energy out of every mode of the chain; a brake that is too strong holds the
-    upper rod, or the cart, still while the others continue to swing. A cart comes back to where the
-    chain was released at rest, and nothing pulls it there: its place is left out of the system.
-    Without gravity no mode swings, which is a ValueError.
+    Its strength minimises the spectral radius of a step of the linear system about hanging at rest.
+    A brake takes energy out of every mode of the chain; a brake that is too strong holds the upper
+    rod, or the cart, still while the others continue to swing. A cart comes back to the place of a
+    release at rest, but no force pulls it there. So its position is left out of the system. Without
+    gravity no mode swings, which raises a ValueError.
 
     Examples
     --------

@@ -40,11 +40,11 @@ Pair = tuple[tuple[bool, ...], tuple[bool, ...]]  # which rods stand at the star
 
 
 class PlannedTransitions:
-    """In each environment, the plan for the start and the goal of its episode.
+    """A controller that follows the plan for the start and the goal of each episode.
 
-    An episode begins where an environment is seen for the first time or at time 0, its time has
-    gone back, or it has another goal. Its start is the equilibrium nearest to the state seen then,
-    its goal ``info["goal"]``.
+    An episode begins when an environment is observed for the first time or at time 0, its time has
+    gone back, or its goal has changed. The start is the equilibrium nearest to that state, and the
+    goal is ``info["goal"]``.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ class PlannedTransitions:
         A `PlannedTransition` for each pair: which rods stand at the start, and which at the goal,
         ``plans[(False, False), (True, True)]`` for the swing-up of two rods.
     arguments : mapping, optional
-        What the plans were made with, for the record that `save` keeps.
+        Arguments with which the plans were made; `save` records them.
 
     Raises
     ------
     TypeError
-        If there are none, or something else.
+        If `plans` is empty, or holds something else.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class PlannedTransitions:
         self.reset()
 
     def reset(self, num_envs: int = 0) -> None:
-        """Take what is seen next as the beginning of episodes; `num_envs` changes nothing."""
+        """Let episodes begin with the next call; `num_envs` has no effect."""
         del num_envs
         self._time, self._goal = np.empty(0), np.empty((0, 0))
         self._number = np.empty(0, np.int64)  # of the plan of each environment
@@ -168,7 +168,7 @@ class PlannedTransitions:
         Raises
         ------
         ValueError
-            If the file holds no plans, or the motions are none of this environment.
+            If the file holds no plans, or plans that are not motions of this environment.
         """
         check_config(config)
         try:

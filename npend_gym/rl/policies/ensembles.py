@@ -28,20 +28,20 @@ def ensemble(policies: Iterable[Policy], weights: Sequence[float] | None = None)
     policies : iterable of Policy
         With the same environment, the same scale and memory, and as many layers.
     weights : sequence of float, optional
-        Of the policies in the mean, as for `numpy.average`.
+        Weights of the policies in the mean, as for `numpy.average`.
 
     Returns
     -------
     Policy
-        Its provenance has what those of all policies say, the sums of their steps and seconds of
-        training, and each of them, as "members". An ensemble among the policies counts as its
-        members.
+        Its provenance has the entries that are equal for all policies, and the sums of their steps
+        and seconds of training. "members" has the provenance of each policy. An ensemble among the
+        policies counts as its members.
 
     Raises
     ------
     ValueError
-        If there is none, if they differ in one of these, or if the weights are not one positive
-        number for each.
+        If there is no policy, if the policies differ in one of these, or if the weights are not one
+        positive number for each.
 
     Examples
     --------

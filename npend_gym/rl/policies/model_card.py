@@ -75,17 +75,17 @@ def write_repository(
     ----------
     policy : Policy
     folder : path-like
-        Made where it does not exist. "policy.safetensors" and "README.md" are written.
+        Created if it does not exist. "policy.safetensors" and "README.md" are written.
     name : str
-        Of the repository, "user/name". For the name alone the card's example has ``USER/name``,
-        with the user to be filled in.
+        Name of the repository, "user/name". Without the user, the card's example has ``USER/name``,
+        to be filled in.
     episodes, seed : int
         As for `evaluate`.
 
     Returns
     -------
     Evaluation
-        Whose results, with the policy's task, the card tells the Hub in its ``model-index``.
+        The ``model-index`` of the card gives its results and the policy's task to the Hub.
 
     Raises
     ------

@@ -35,7 +35,8 @@ def observation_of(
         Angles [rad], zero where a rod hangs, and angular velocities [rad/s]; these are not used
         with ``observe_velocities=False``.
     relative : bool
-        Whether they are those of the joints, as encoders between two rods measure them.
+        Whether angles and velocities are relative to the rod above, as encoders between two rods
+        measure them.
     cart_position, cart_velocity : array_like, shape () or (B,)
         Of a cart [m], [m/s].
     goal : array_like, shape (n,) or (B, n), optional
@@ -50,7 +51,7 @@ def observation_of(
     ------
     ValueError, TypeError
         If a shape is wrong or a number not finite; if the goal is missing; if a cart or a goal is
-        given that the environment has not; or if it observes its context.
+        given that the environment does not have; or if it observes its context.
 
     Examples
     --------

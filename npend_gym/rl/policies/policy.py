@@ -45,7 +45,7 @@ _RESERVED = {"env", "network", CHECKSUM}  # beside the provenance in a file
 class Policy:
     """A network from observations to the mean action, in NumPy.
 
-    It observes what `env` says, most often "sincos", while ``npend/...`` shows "scaled"::
+    `env` names its observation, most often "sincos"; the default of ``npend/...`` is "scaled"::
 
         policy = Policy.pretrained("swingup-2")
         env = gym.make("npend/SwingUp-v1", **policy.env)
@@ -58,17 +58,17 @@ class Policy:
     Attributes
     ----------
     scale : ndarray, float32, shape (k,), or (length, k + joints) with memory
-        What the network is given is divided by it: observations, or the frames of a `History`.
+        Divisor of the network's inputs: observations, or the frames of a `History`.
     weights : list of ndarray, float32, shapes (outputs, inputs)
     biases : list of ndarray, float32, shapes (outputs,)
     env : dict
         Keywords of the environment that the policy is made for.
     provenance : dict
-        What the policy was made with: settings, versions, its evaluation.
+        How the policy was made: settings, versions, its evaluation.
     offset : ndarray, float32, shape of `scale`, optional
         Is subtracted from observations before they are divided.
     limit : float
-        What the network is given is clipped to this, on both sides.
+        Inputs of the network are clipped to [-limit, limit].
     activation : str
         Between the layers: "tanh" or "relu".
     output : str
@@ -77,9 +77,9 @@ class Policy:
     Raises
     ------
     ValueError
-        If `limit`, `activation` or `output` is none of these, or `provenance` has a name that a
-        file gives another meaning: "env", "network" or "crc32"; if the layers do not fit each
-        other, `scale` or `env`, or a signal in them may overflow.
+        If `limit`, `activation` or `output` is none of these, or `provenance` has a name that is
+        reserved in files: "env", "network" or "crc32"; if the layers do not fit each other, `scale`
+        or `env`, or a signal in them may overflow.
     TypeError
         If a keyword in `env` has the wrong type.
 
@@ -288,7 +288,7 @@ class Policy:
         Parameters
         ----------
         path : path-like
-            Ends in ".safetensors". After an error, what stood there before is still whole.
+            Ends in ".safetensors". After an error, an earlier file is unchanged.
 
         Raises
         ------
@@ -296,8 +296,8 @@ class Policy:
             If it ends otherwise, `env` or `provenance` is nested deeper than 32, or the file would
             have more than 20 MB.
         TypeError
-            If `env` or `provenance` has what JSON cannot hold, such as a mode that is an object or
-            NaN.
+            If `env` or `provenance` has a value that JSON cannot hold, such as NaN or a mode that
+            is an object.
         """
         about = {"env": plain_keywords(self.env)} | self.provenance
         if self._functions:
@@ -321,8 +321,8 @@ class Policy:
         Raises
         ------
         ValueError
-            If the model is no such network, observes through other wrappers, or has no environment
-            or no statistics, which `load` of Stable-Baselines3 leaves out without ``env=``.
+            If the model is not such a network, observes through other wrappers, or lacks an
+            environment or statistics. `load` of Stable-Baselines3 leaves them out without ``env=``.
         """
         from npend_gym.rl.policies.from_sb3 import policy_fields  # heavy
 
@@ -367,7 +367,7 @@ class Policy:
     ) -> Policy:
         """Load a policy from the Hugging Face Hub; it is downloaded once and kept.
 
-        The file holds numbers and text: whoever wrote it, nothing of it is executed.
+        The file holds numbers and text. No part of it is executed, whoever wrote it.
 
         Parameters
         ----------

@@ -18,7 +18,7 @@ def policy_path(name: str) -> Path:
 
 
 def find_policy(name: str, *, trust: bool = False) -> Policy:
-    """Return a policy of the package by its name, or that in a file, with its environment.
+    """Return a policy of the package by its name, or a policy from a file, with its environment.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def find_policy(name: str, *, trust: bool = False) -> Policy:
     Raises
     ------
     ValueError
-        If there is none, or the file says no environment.
+        If there is no such policy, or the file names no environment.
 
     Examples
     --------

@@ -37,16 +37,16 @@ _METHODS = (  # by which objects give their state and take it
 
 
 class Checkpoint:
-    """Where a training run keeps what it needs to go on.
+    """The file from which an interrupted training run resumes.
 
     Parameters
     ----------
     settings : dataclass
-        Those of the run; with others its numbers would be others.
+        Settings of the run, on which its results depend.
     path : Path, optional
-        The file; without one nothing is kept.
+        The file; without one nothing is stored.
     resume : bool
-        Whether to go on from this file.
+        Whether to resume from this file.
     seconds : float
         Time between two checkpoints.
 
@@ -125,13 +125,13 @@ class Checkpoint:
         Parameters
         ----------
         parts : dict
-            All that changes in a round. A checkpoint is restored into these very objects.
+            All that changes in a round. A checkpoint is restored into these objects.
         last, first : int
             Numbers of rounds.
         title : str, optional
-            Of what is shown of the progress; without it nothing is.
+            Title of the progress display; without it there is none.
         unit : str
-            What rounds are called there.
+            Name of a round in this display.
         """
         done = first - 1
         if self.saved is not None:

@@ -32,9 +32,9 @@ _OF_VECTOR_ENV = {"max_episode_steps": None, "threads": 1, "autoreset_mode": Non
 
 
 def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -> EnvConfig:
-    """Return the settings of the environment, of the keywords `env`, that an algorithm trains in.
+    """Return the settings of an algorithm's training environment with the keywords `env`.
 
-    Keywords that are not among those that it `uses` may be given with their default only.
+    Keywords that are not in `uses` must have their default values.
     """
     rest = {name: value for name, value in env.items() if name not in _OF_VECTOR_ENV}
     check_names(NPendulumVectorEnv, rest)

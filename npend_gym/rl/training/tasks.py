@@ -28,7 +28,7 @@ LEAST_SUCCESS = 0.1  # of the episodes that judge a policy; below it the trainin
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What the settings of all trainers begin with."""
+    """The fields that the settings of all trainers begin with."""
 
     env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of the environment
     seed: int = 0
@@ -50,7 +50,7 @@ def failure_of(row: Mapping[str, Any]) -> str:
 
 
 def check_settings(settings: TrainingSettings, below_one: Sequence[str] = ()) -> None:
-    """Refuse settings that cannot be: texts that are none, numbers that are negative.
+    """Raise an error for settings of the wrong type or sign.
 
     Counts and scales that are positive by default must be positive, and some numbers `below_one`.
     """
@@ -113,13 +113,12 @@ def _variant(word: str, n: int) -> dict[str, Any]:
 def env_of_task(task: str) -> dict[str, Any]:
     """Return the keywords of the environment of a task such as "swingup-2" or "calm-2-robust".
 
-    Of a "robust" task every episode has another chain; "swingup-2-pendubot" and
-    "swingup-2-acrobot" are for RealAIGym's, with a motor at the pivot or at the elbow. Names may
-    end in several of these words, as "swingup-2-acrobot-robust" does. The word "recovery" changes
-    the training alone.
+    In a "robust" task every episode has a new chain. "swingup-2-pendubot" and "swingup-2-acrobot"
+    use RealAIGym's pendulum, with a motor at the pivot or at the elbow. Names may end in several of
+    these words, as "swingup-2-acrobot-robust" does. The word "recovery" changes only the training.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
-    three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1", and more
-    rods on the latter's, as poles like its own. There "balance-4-cart" has spread=0.002 and
+    three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1". More rods
+    use the cart and the kind of poles of the latter. There "balance-4-cart" has spread=0.002 and
     "balance-5-cart" spread=0.0005.
     """
     text = task if isinstance(task, str) else ""  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -158,7 +157,7 @@ def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> nn.Sequ
 
 
 def observation_scale(config: EnvConfig, of_rods: tuple[float, float, float]) -> Tensor:
-    """Scales of observations: of sines, cosines and speeds; 1 for what follows them."""
+    """Return the scales of sines, cosines and speeds in observations; 1 for later entries."""
     import torch
 
     observed = of_rods if config.observe_velocities else of_rods[:2]

@@ -26,10 +26,10 @@ class Trainer(Protocol):
     Attributes
     ----------
     Settings : type
-        A dataclass of all that a result depends on; two fields are "env", the keywords of the
-        environment, and "seed".
+        A dataclass of everything that the result depends on; two fields are "env", the keywords of
+        the environment, and "seed".
     TASKS : mapping
-        What the settings of some tasks have in place of the defaults, by the names of the tasks.
+        Changes of the default settings, by the names of the tasks.
     """
 
     Settings: type[Any]
@@ -48,16 +48,16 @@ class Trainer(Protocol):
         ----------
         settings : Settings
         progress : str, optional
-            Title of what is shown of the progress; without it nothing is.
+            Title of the progress display; without it there is none.
         checkpoint : Checkpoint, optional
-            Its `rounds` yields the rounds that are left and keeps what changes in them, so that
-            ``npend train --resume`` goes on from there.
+            Its `rounds` yields the remaining rounds and stores what changes in them, so that
+            ``npend train --resume`` continues from there.
         """
         ...
 
 
 def trainer_names() -> list[str]:
-    """Return the names of all trainers that are installed, those of this package first."""
+    """Return the names of all installed trainers, this package's own first."""
     found = entry_points(group=GROUP).names
     return [*(name for name in PREFERRED if name in found), *sorted(found - {*PREFERRED})]
 
