@@ -57,7 +57,7 @@ def array(name: str, value: Any) -> FloatArray:
 
 
 def unmasked(name: str, value: Any) -> Any:
-    """Return `value`, refused where it is an array with masked entries."""
+    """Return `value`; raise an error if it is an array with masked entries."""
     if hasattr(value, "mask") and np.ma.is_masked(value):
         raise ValueError(
             f"{name} must have no masked entries, got {show(value)}; leave them out, or fill them"
@@ -81,7 +81,7 @@ def _holds_others(value: Any, depth: int = 0) -> bool:
 
 
 def within(name: str, value: FloatArray, limit: float) -> FloatArray:
-    """Return `value`, refused where an entry is larger than `limit`, or less than minus that."""
+    """Return `value`; raise an error if the absolute value of an entry exceeds `limit`."""
     if (abs(value) > limit).any():
         raise ValueError(f"{name} must lie within +-{limit:g}, got {show(value.tolist())}")
     return value
@@ -118,7 +118,7 @@ def vector(name: str, value: Any, n: int) -> FloatArray:
 
 
 def at_least_zero(name: str, value: FloatArray) -> FloatArray:
-    """Return `value`, refused where an entry is negative."""
+    """Return `value`; raise an error if an entry is negative."""
     if ((value < SMALLEST) & (value != 0.0)).any():
         rule = "zero or more" if (value < 0.0).any() else f"zero or at least {SMALLEST:g}"
         raise ValueError(f"{name} must be {rule}, got {show(value.tolist())}")
@@ -126,7 +126,7 @@ def at_least_zero(name: str, value: FloatArray) -> FloatArray:
 
 
 def positive(name: str, value: FloatArray) -> FloatArray:
-    """Return `value`, refused where an entry is zero or negative."""
+    """Return `value`; raise an error if an entry is zero or negative."""
     if (value < SMALLEST).any():
         rule = "greater than zero" if (value <= 0.0).any() else f"at least {SMALLEST:g}"
         raise ValueError(f"{name} must be {rule}, got {show(value.tolist())}")
@@ -171,7 +171,7 @@ def nonnegative_number(name: str, value: Any) -> float:
 
 
 def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> int:
-    """Return `value` as an int in [low, high]; booleans and floats are refused."""
+    """Return `value` as an int in [low, high]; booleans and floats raise an error."""
     if _is_bool(value) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} must be an integer, got {show(value)}")
     out: Any = value

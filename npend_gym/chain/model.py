@@ -326,7 +326,7 @@ def _frozen(values: FloatArray) -> FloatArray:
 
 
 def check_chain(value: Any) -> Chain:
-    """Return `value`, refused where it is no Chain."""
+    """Return `value`; raise an error if it is not a Chain."""
     if not isinstance(value, Chain):
         raise TypeError(f"chain must be an npend_gym.Chain, got {_checks.show(value)}")
     return value

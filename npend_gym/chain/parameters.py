@@ -144,7 +144,7 @@ MECHANISM = ("stiffness", "axial_damping", "base")  # keywords of `Chain` beyond
 
 
 def check_keys(given: Any) -> Mapping[str, Any]:
-    """Return keywords of `Chain`, refused where they are no mapping, or miss or invent a key."""
+    """Return keywords of `Chain`; raise an error for no mapping, or a missing or unknown key."""
     if not isinstance(given, Mapping):
         raise TypeError(f"a chain must be a dict of parameters, got {_checks.show(given)}")
     values = cast("Mapping[str, Any]", given)

@@ -70,7 +70,7 @@ def printable(text: str) -> str:
 
 
 def warn(text: str) -> None:
-    """Print a line to the error stream, if it is open: that of a closed terminal is not."""
+    """Print a line to the error stream, if it is open: a closed terminal closes it."""
     with contextlib.suppress(OSError):
         print(printable(text), file=sys.stderr)
 
@@ -78,9 +78,9 @@ def warn(text: str) -> None:
 def open_closed_streams() -> None:
     """Put stand-ins where the shell has closed streams, `npend ... >&-` or `2>&-`.
 
-    Writing fails to stdout, and vanishes to stderr: output that cannot be printed is a failure, as
-    for a closed pipe; messages are not. Python leaves `sys.stdout` or `sys.stderr` as None, and the
-    next file that is opened gets the number of the stream.
+    Writing to stdout then fails, as for a closed pipe. Messages to stderr vanish without a failure.
+    Python leaves `sys.stdout` or `sys.stderr` as None, and the next file that is opened gets the
+    number of the stream.
     """
     ways = os.O_RDONLY, os.O_RDONLY, os.O_WRONLY
     for number, (name, way) in enumerate(zip(("stdin", "stdout", "stderr"), ways, strict=True)):
@@ -215,7 +215,7 @@ def finishing() -> Generator[None]:
 
 
 def prepare_results(out: Path, command: str) -> None:
-    """Make the folder `out` if need be, and say so where results of another run are replaced."""
+    """Make the folder `out` if needed, and print a line if results of another run are replaced."""
     from npend_gym.report import outputs
 
     outputs.prepare_folder(out)

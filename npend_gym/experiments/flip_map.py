@@ -128,25 +128,26 @@ class FlipMap:
         """Compute the map and write ``map.npz``. An interrupted or killed run resumes.
 
         Every part says which map and which version of the package made it; other parts are not
-        used. Where ``map.npz`` is this map, by the same version, it is read and not computed again.
+        used. If ``map.npz`` is this map, made by the same version, it is read and not computed
+        again.
 
         Parameters
         ----------
         out : Path or str
-            A folder. Parts of the map stand in a folder of it until all are done.
+            A folder. Parts of the map are in a subfolder until all are done.
         threads : int
-            That share the starts. No result depends on it.
+            Number of threads that share the starts. Results do not depend on it.
         progress : callable
             Wraps the numbers of the parts that are still to do.
         tell : callable
-            Called with a line where files of an earlier run are used, or cannot be. By default it
-            goes to the log.
+            Called with a line if files of an earlier run are used, or cannot be used. By default
+            the line goes to the log.
 
         Returns
         -------
         ndarray, shape (size, size)
-            Instants [s], a row for each second angle; NaN where no rod turns over. Angles beyond a
-            half turn are taken less whole turns.
+            Instants [s], a row for each second angle; NaN where no rod turns over. Angles beyond
+            half a turn are reduced by whole turns.
 
         Raises
         ------

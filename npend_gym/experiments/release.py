@@ -49,8 +49,8 @@ class ReleaseExperiment:
     spread : float
         Each trial adds to all rods one angle drawn between zero and this [rad].
     seed : int
-        Seed of the draws. Trial t, counted from 1, is what mode "passive" of the environment
-        draws with the seed `seed` + t - 1, for every n.
+        Seed of the draws. Trial t, counted from 1, starts like the environment in mode "passive"
+        with the seed `seed` + t - 1, for every n.
     duration : float, optional
         Time for which a release is observed [s]; by default long enough for every bob.
     definition : str
@@ -68,17 +68,17 @@ class ReleaseExperiment:
         A chain, in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
         `Chain`, the dict of its parameters, a preset's name, or a JSON file.
     sensor_interval : float
-        Time between two samples of a sensor [s], the first at the release. At 0 there is no
-        sensor: instants are exact. What it measures depends on the definition. It is the horizontal
-        velocity of the bob or of the centre of mass [m/s], from beyond 90 degrees the one around
-        the pivot. It is the height of the bob above where it hangs [m], or for "link" the angular
-        velocity of the rod [rad/s], as of a gyroscope.
+        Time between two samples of a sensor [s], the first at the release. At 0 there is no sensor:
+        instants are exact. The definition decides what it measures: the horizontal velocity of the
+        bob or of the centre of mass [m/s], after a start beyond 90 degrees the velocity around the
+        pivot; the height of the bob above where it hangs [m]; or for "link" the angular velocity of
+        the rod [rad/s], like a gyroscope.
     sensor_noise : float
         Standard deviation of each sample, in the unit of what is measured.
     sensor_offset : float
         Reading of the sensor at zero, in the same unit.
     sensor_scale : float
-        Reading of the sensor for each unit that it measures, less the offset.
+        Reading of the sensor, minus the offset, for each unit of the measured quantity.
 
     Examples
     --------
@@ -166,8 +166,8 @@ class ReleaseExperiment:
     def as_dict(self) -> dict[str, Any]:
         """Return the fields as plain numbers, lists and texts, for a manifest.
 
-        With a chain they lack what it replaces: ``ReleaseExperiment(**experiment.as_dict())`` is
-        the same experiment.
+        With a `chain`, the fields that it replaces are left out:
+        ``ReleaseExperiment(**experiment.as_dict())`` is the same experiment.
         """
         return plain_fields(self, "n_values")
 
@@ -176,7 +176,7 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
     """Return the starting angles of trials `first` to `first` + `count` - 1, counted from 0.
 
     They are the same in the release experiment, in campaigns and in mode "passive". Trial t of seed
-    s starts where the environment does that is reset with seed s + t:
+    s starts like the environment after a reset with seed s + t:
 
         start = amplitude + spread * np.random.Generator(np.random.Philox(key=s + t)).random()
 
@@ -216,8 +216,8 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
 class Run:
     """One release: the pseudo-period of every bob [s], NaN where it did not complete.
 
-    `com` is that of the centre of mass, the definition "com", whatever that of the bobs. A sensor
-    measures the definition of the bobs only, so `com` is exact for another definition than "com".
+    `com` is the pseudo-period of the centre of mass, whatever the definition. A sensor measures
+    only by the chosen definition, so `com` is exact unless the definition is "com".
     """
 
     n: int
@@ -296,7 +296,7 @@ def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
 
 
 def summary_rows(experiment: ReleaseExperiment, runs: Sequence[Run]) -> list[dict[str, Any]]:
-    r"""Return a row for every n: what was measured, the models, and how far off they are.
+    r"""Return a row for every n: the measurements, the models, and the errors of the models.
 
     The relative error is the paper's, \|S - T\| / S with S measured and T the model. For the law S
     is the pseudo-period of the centre of mass.

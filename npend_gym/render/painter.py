@@ -89,7 +89,7 @@ def _periods(scene: Scene) -> tuple[str, ...]:
 
 
 def check_frame(name: str, value: object, shape: tuple[int, ...] = ()) -> Frame:
-    """Return the picture `value`, refused where it is not uint8 or not of `shape`."""
+    """Return the picture `value`, which must be uint8 and have `shape`."""
     out = np.asarray(value)
     right = out.shape == shape if shape else out.ndim == 3 and out.shape[2] == 3 and out.size
     if out.dtype != np.uint8 or not right:

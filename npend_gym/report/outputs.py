@@ -29,7 +29,7 @@ FIGURES: dict[str, dict[str, Any]] = {
 
 
 def prepare_folder(out: Path, rule: str = "out must be") -> None:
-    """Make the folder `out` if need be, and see that it can be written to; else say the `rule`."""
+    """Make the folder `out` if needed; raise an error with the `rule` if it is not writable."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -46,14 +46,14 @@ def prepare_file(out: Path, suffixes: Sequence[str], name: str = "out") -> None:
     ----------
     out : Path
     suffixes : sequence of str
-        One of which it ends in, such as ".csv".
+        Allowed endings of the file, such as ".csv".
     name : str
-        Of the option that names the file, for the error.
+        Name of the option for the file, for the error.
 
     Raises
     ------
     ValueError
-        If it ends otherwise, is a folder, or stands in none that can be written to.
+        If the ending is not allowed, the path is a folder, or its folder cannot be written to.
     """
     if out.suffix not in suffixes or out.is_dir():
         raise ValueError(f"{name} must be a file that ends in {' or '.join(suffixes)}, got {out}")
@@ -133,8 +133,9 @@ def write_results(
 ) -> list[Path]:
     """Write results into the folder `out`; return what was written.
 
-    Each file appears whole, by rename; the manifest, with the digests of the others, comes last.
-    Figures are drawn after the tables are written, so that an error there loses no results.
+    Each file is written completely and then renamed. The manifest, with the digests of the others,
+    comes last. Figures are drawn after the tables are written, so that an error there loses no
+    results.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def write_results(
     complete : bool
         Whether it was done to its end.
     records, tables, figures : mapping
-        By their names: what becomes NAME.json, NAME.csv and NAME.png; functions draw the figures.
+        Contents of NAME.json, NAME.csv and NAME.png, by name; functions draw the figures.
     """
     prepare_folder(out)
     written = write_all(
