@@ -28,7 +28,7 @@ HEAD = """\
 - **Torques** turn counter-clockwise where they are positive [N m]. At joint 0 the pivot turns
   rod 0. At joint `i` a motor turns rod `i` by `+torque[i]`, and rod `i - 1` by `-torque[i]`.
 - **A force** on a cart is positive to the right [N].
-- **Units** are those of SI.
+- **Units** are SI.
 
 `python docs/names.py` writes this page from the source. `help(name)` has the whole description, and
 the pages beside this one have it on the site.

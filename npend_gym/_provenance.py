@@ -26,7 +26,7 @@ def _version(package: str) -> str:
 
 
 def provenance(arguments: Mapping[str, Any], seed: int | None = None) -> dict[str, Any]:
-    """Return the record of what made a result, ready for JSON.
+    """Return the provenance of a result, ready for JSON.
 
     Parameters
     ----------

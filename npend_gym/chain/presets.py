@@ -48,7 +48,7 @@ class NamedChains:
     ) -> Self:
         """Return a chain of n equal rods, each `length` [m] long with a bob of `mass` [kg].
 
-        `parameters` are further ones of `Chain`: `base`, `stiffness`, ...
+        `parameters` are further parameters of `Chain`: `base`, `stiffness`, ...
         """
         n = _checks.count("n", n, high=MAX_RODS)
         mass = _checks.positive_number("mass", mass)
@@ -115,28 +115,29 @@ class NamedChains:
         n : int
             Number of balls.
         radius : float or array_like, shape (n,)
-            Of each ball [m].
+            Radius of each ball [m].
         spacing : float or array_like, shape (n,)
-            Distance of the centre of each ball from that of the ball above, and of the first from
-            the pivot [m]. The chain bends at these centres.
+            Distance of the centre of each ball from the centre of the ball above, and of the first
+            from the pivot [m]. The chain bends at these centres.
         density : float or array_like, shape (n,)
-            Of each ball [kg/m^3]; in a fluid the same for all.
+            Density of each ball [kg/m^3]; in a fluid the same for all.
         fixed : bool
             Whether each ball turns with the rod above it, with the inertia 2/5 m r^2 of a solid
             ball. Otherwise no ball turns, as on bearings at their centres: point masses.
         gravity : float
             Acceleration of gravity [m/s^2].
         fluid_density : float
-            Of a fluid at rest around the balls [kg/m^3]: buoyancy and added mass, see the notes.
+            Density of a fluid at rest around the balls [kg/m^3]: buoyancy and added mass, see the
+            notes.
         viscosity : float
-            Dynamic viscosity of the fluid [Pa s]: `drag` is that of Stokes, 6 pi viscosity radius.
+            Dynamic viscosity of the fluid [Pa s]: `drag` is Stokes' drag, 6 pi viscosity radius.
         drag_coefficient : float
-            Of a ball in fast flow, about 0.4: `quadratic_drag` is half of it, times the density of
-            the fluid and the cross-section. With Stokes' drag the whole coefficient is
-            24 / Re + `drag_coefficient`.
+            Drag coefficient of a ball in fast flow, about 0.4: `quadratic_drag` is half of it,
+            times the density of the fluid and the cross-section. With Stokes' drag the whole
+            coefficient is 24 / Re + `drag_coefficient`.
         **parameters
-            Further parameters of `Chain` except `lengths`, which are `spacing`. They replace those
-            of balls where both have them: `damping`, `base`, `inertias` of hollow balls, ...
+            Further parameters of `Chain` except `lengths`, which are `spacing`. They override those
+            of balls: `damping`, `base`, `inertias` of hollow balls, ...
 
         Raises
         ------
@@ -147,12 +148,12 @@ class NamedChains:
         Notes
         -----
         In an ideal fluid a ball of mass m that displaces m_f has the weight (m - m_f) g and the
-        inertia m + m_f/2; the fluid adds none against turning (K. McKee and A. Czarnecki,
+        inertia m + m_f/2; the fluid adds no inertia against turning (K. McKee and A. Czarnecki,
         arXiv:1901.00557). Balls of equal density move, and pull at the pivot, exactly as a chain
-        with the masses m + m_f/2 under the gravity
-        g (density - fluid_density) / (density + fluid_density / 2): these are `masses` and
-        `gravity` of the chain. Left out are the flow of one ball at another, of the order of
-        (radius / spacing)^3, walls, and the history of the flow.
+        with the masses m + m_f/2 under the gravity g (density - fluid_density) / (density +
+        fluid_density / 2): these are `masses` and `gravity` of the chain. The model ignores the
+        flow that one ball causes at another, of the order of (radius / spacing)^3, walls, and the
+        history of the flow.
 
         Examples
         --------
@@ -222,9 +223,9 @@ class NamedChains:
 
         Notes
         -----
-        The published inertias are those about the joints. Its dry friction cf arctan(100 v), v the
-        speed of the joint, has here the same limit, pi/2 cf, and the same slope at rest. Its gear
-        of 6 turns the second rotor backwards.
+        The published inertias are about the joints. The dry friction cf arctan(100 v), v the speed
+        of the joint, has here the same limit, pi/2 cf, and the same slope at rest. Its gear of 6
+        turns the second rotor backwards.
         """
         _checks.choice("design", design, tuple(dict.fromkeys(of for of, _ in REALAIGYM)))
         models = [number for of, number in REALAIGYM if of == design]
@@ -251,8 +252,8 @@ class NamedChains:
 
         K. Kaheman and others, *The experimental multi-arm pendulum on a cart*, HardwareX 15 (2023),
         arXiv:2205.06231, as its authors identified it; repository dynamicslab/MultiArm-Pendulum,
-        MIT.
-        The length of the last arm (the only one, for the single pendulum) changes no motion.
+        MIT. The length of the last arm (the only one, for the single pendulum) does not change the
+        motion.
 
         Parameters
         ----------
@@ -284,7 +285,7 @@ class NamedChains:
         Raises
         ------
         TypeError, ValueError
-            If `domain` is another, or `num_poles` is no count, or not 1 for "acrobot".
+            If `domain` is another text, or `num_poles` is not a count, or not 1 for "acrobot".
         """
         n = _checks.count("num_poles", num_poles, high=MAX_RODS)
         if _checks.choice("domain", domain, ("acrobot", "cartpole")) == "cartpole":
@@ -306,7 +307,7 @@ class NamedChains:
         Raises
         ------
         ValueError
-            If `name` is another.
+            If `name` is not one of PRESETS.
         """
         method, *arguments = _checks.choice("the name of a chain", name, PRESETS).split(" ")
         given = [int(argument) if argument.isdigit() else argument for argument in arguments]

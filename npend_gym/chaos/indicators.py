@@ -39,7 +39,7 @@ class LargestExponent:
     history : ndarray, shape (T,)
         Estimates of the exponent at those instants [1/s].
     provenance : dict
-        What made it: versions and arguments.
+        How it was made: versions and arguments.
     """
 
     exponent: float
@@ -68,7 +68,7 @@ class Megno:
     history : ndarray, shape (T,)
         The mean of Y up to those instants.
     provenance : dict
-        What made it: versions and arguments.
+        How it was made: versions and arguments.
     """
 
     value: float

@@ -54,7 +54,7 @@ class PeriodicOrbit:
         Largest distance from the start after one period, in angles [rad] and in angular velocities
         over the mode's frequency.
     provenance : dict
-        What made it: versions and arguments.
+        How it was made: versions and arguments.
     """
 
     chain: Chain

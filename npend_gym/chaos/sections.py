@@ -41,7 +41,7 @@ class Section:
     omega : ndarray, shape (K, n)
         Angular velocities [rad/s] there.
     provenance : dict
-        What made it: versions and arguments.
+        How it was made: versions and arguments.
     """
 
     times: FloatArray
@@ -97,7 +97,7 @@ def poincare_section(
     rod : int
         Rod that passes the angle, counted from 0 at the pivot; -1 is the last.
     angle : float
-        Of the rod [rad], from the downward vertical.
+        Angle of the rod [rad], from the downward vertical.
     direction : {1, -1}
         1: the rod's angular velocity is positive there; -1: negative.
     rtol : float
@@ -189,7 +189,7 @@ def stroboscopic_section(
     theta, omega : array_like, shape (n,)
         The start [rad, rad/s]; one number stands for all rods. It is no point of the section.
     period : float
-        Of the drive [s].
+        Period of the drive [s].
     count : int
         Number of points, K.
     discard : int

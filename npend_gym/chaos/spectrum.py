@@ -39,7 +39,7 @@ class LyapunovSpectrum:
     history : ndarray, shape (T, k)
         Estimates of the exponents at those instants [1/s].
     provenance : dict
-        What made it: versions and arguments.
+        How it was made: versions and arguments.
     """
 
     exponents: FloatArray

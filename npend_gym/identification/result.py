@@ -60,7 +60,7 @@ class Identification:
     undetermined : tuple of str
         What the data cannot determine, in sentences, and what was taken in its place.
     provenance : dict
-        What made it: versions and arguments.
+        How it was made: versions and arguments.
 
     Notes
     -----

@@ -114,7 +114,7 @@ def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
 
 
 def checked_joints(joints: Iterable[int], n: int) -> list[int]:
-    """Return joints of a chain of n rods, refused where one is named twice."""
+    """Return joints of a chain of n rods; raise an error if one is named twice."""
     named = _checks.listed("joints", joints, "(0,)")
     if any(isinstance(j, Integral) and j == n for j in named):
         raise ValueError(
@@ -181,7 +181,7 @@ def warn_caller(text: str) -> None:
 
 
 def check_rtol(rtol: float) -> float:
-    """Return the relative tolerance `rtol`, refused where float64 cannot meet it."""
+    """Return the relative tolerance `rtol`; raise an error if float64 cannot meet it."""
     rtol = _checks.number("rtol", rtol)
     if rtol < MIN_RTOL:
         raise ValueError(

@@ -31,8 +31,8 @@ def at(trajectory: Trajectory, times: ArrayLike) -> tuple[FloatArray, FloatArray
     Raises
     ------
     ValueError, TypeError
-        If an instant lies outside, the motion was not made by `simulate`, or it does not end where
-        its functions lead now.
+        If an instant lies outside, the motion was not made by `simulate`, or its functions now lead
+        to another end.
 
     Notes
     -----

@@ -47,7 +47,7 @@ def row_count(kind: Kind) -> int:
 
 
 def check_names(names: Iterable[str], kind: Kind) -> list[str]:
-    """Return the names of parameters, refused where this kind of chains has no such thing."""
+    """Return the names of parameters; raise an error if this kind of chains has no such thing."""
     if isinstance(names, str):
         raise TypeError(f"parameters must be a list of names such as ('masses',), got {names!r}")
     known, chosen = _DIFFERENTIABLE[kind], [*names]

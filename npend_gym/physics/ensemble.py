@@ -177,7 +177,7 @@ class Ensemble(Members):
         self._ready = True
 
     def _of_cart(self, name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-        """Return numbers that belong to carts, refused where there are none."""
+        """Return numbers that belong to carts; raise an error if there are none."""
         values = _checks.broadcast(name, value, shape)
         if np.any(values) and not self._has_cart:
             raise ValueError(f"{name} must be 0 for chains without a cart: base=Cart(mass)")

@@ -164,7 +164,7 @@ class DeviceChains:
         return self._array("parameters", given, (size, *self._rows.shape[1:]))
 
     def _states(self, **arrays: Any) -> list[Any]:
-        """Return arrays of the caller's of shape (B, n), each refused where it does not fit."""
+        """Return arrays of the caller's of shape (B, n); raise an error if one does not fit."""
         return [self._array(name, one, (self.size, self.n)) for name, one in arrays.items()]
 
     @property
@@ -195,7 +195,7 @@ class DeviceChains:
         return Chains(chains, self._terms)
 
     def _array(self, name: str, array: Any, shape: tuple[int, ...]) -> Any:
-        """Return an array of the caller's as Numba takes it, refused where it does not fit."""
+        """Return an array of the caller's as Numba takes it; raise an error if it does not fit."""
         if not hasattr(array, "dtype" if simulated() else "__cuda_array_interface__"):
             raise TypeError(
                 f"{name} must be an array on the GPU, which has __cuda_array_interface__, such as "

@@ -105,7 +105,7 @@ class Mechanism(NamedTuple):
 
 
 def first_of(chains: Sequence[Chain]) -> Chain:
-    """Return the first chain, refused where there is none."""
+    """Return the first chain; raise an error if there is none."""
     if not chains:
         raise ValueError("chain must be one npend_gym.Chain or more, got none")
     return check_chain(chains[0])

@@ -22,7 +22,7 @@ class Members:
 
     @property
     def _intact(self) -> Memory:
-        """The memory, refused where a call was interrupted."""
+        """The memory; raise an error if a call was interrupted."""
         if not self._ready:
             raise RuntimeError(
                 "a call was interrupted and members may be in different steps: make a new Ensemble"
@@ -39,7 +39,7 @@ class Members:
         """Work of torques, damping, dry friction and drag since the state was set [J], shape (B,).
 
         On a cart it includes the work of the force on the cart and of the damping of its rail:
-        there it is no change of `energy`, which leaves out the motion of the cart.
+        there it is not the change of `energy`, which leaves out the motion of the cart.
         """
         return self._intact.members[Member.WORK].copy()
 

@@ -33,7 +33,7 @@ _MAX_BYTES = 2**33  # of the derivatives at all times, or of the states that a g
 
 
 class Sensitivities(NamedTuple):
-    """The derivatives of a motion at T instants by what it began with; m coordinates.
+    """The derivatives of a motion at T instants by start, torques and parameters; m coordinates.
 
     d (q, u) = A d (q, u) at the start + B d torque + C d parameters.
     """
@@ -44,7 +44,7 @@ class Sensitivities(NamedTuple):
 
 
 class MotionGradient(NamedTuple):
-    """The gradient of a function of a motion by what the motion began with; m coordinates."""
+    """The gradient of a function of a motion by start, torques and parameters; m coordinates."""
 
     by_theta: FloatArray  # (m,)
     by_omega: FloatArray  # (m,)
@@ -89,17 +89,17 @@ def sensitivities(
     joints: Sequence[int] = (0,),
     parameters: Mapping[str, ArrayLike] | None = None,
 ) -> Sensitivities:
-    """Return the derivatives of all coordinates and rates by what the motion began with.
+    """Return the derivatives of all coordinates and rates by start, torques and parameters.
 
     Parameters
     ----------
     joints : sequence of int
-        Joints by whose torques derivatives are wanted; B has a column for each, then one for the
-        force on a cart.
+        Joints whose torques have derivatives; B has a column for each, then one for the force on a
+        cart.
     parameters : mapping of str to array_like, shape (K, n), optional
-        K directions in which parameters of the chain change together, by their names in
-        `Chain`; the shape for gravity is (K,). ``{"masses": np.eye(n)}`` is each mass alone.
-        See the notes for those of each kind of chain.
+        K directions in which parameters of the chain change together, by their names in `Chain`;
+        the shape for gravity is (K,). ``{"masses": np.eye(n)}`` is each mass alone. The notes list
+        the parameters of each kind of chain.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def sensitivities(
     ------
     ValueError, TypeError
         If an argument breaks its rule, `simulate` did not make the motion, an event ended it, or
-        the derivatives would take more than 8 GB. Rods must not rest in steps too long for them.
+        the derivatives would take more than 8 GB. At rest, steps must not be too long for the rods.
     FloatingPointError
         If derivatives grow beyond all bounds.
 
@@ -123,8 +123,8 @@ def sensitivities(
     Functions of time and Signals count as given. The motion is integrated once more, with the
     same bits. The time grows as the number of derivatives, the memory is that of the result.
 
-    Parameters are those of `Chain` by name, also where they are zero; stiffness and axial_damping
-    are those of chains that have springs.
+    Parameters are named as in `Chain`, and may be zero; only chains with springs have stiffness and
+    axial_damping.
     """
     motion, state, n = *_retaken(trajectory), trajectory.chain.n
     wanted = check_inputs(trajectory.chain, joints)
@@ -159,7 +159,7 @@ def gradient(
     omega_bar: ArrayLike,
     parameters: Sequence[str] = (),
 ) -> MotionGradient:
-    """Return the gradient of a function of this motion by what the motion began with.
+    """Return the gradient of a function of this motion by start, torques and parameters.
 
     Parameters
     ----------
@@ -167,8 +167,8 @@ def gradient(
         Derivatives of the function by the angles (or all coordinates) and their rates at all
         times; one number stands for all.
     parameters : sequence of str
-        Names of the parameters of `Chain` by which derivatives are wanted as well; see the notes
-        of `sensitivities` for those of each kind of chain.
+        Names of parameters of `Chain` for further derivatives; the notes of `sensitivities` list
+        the parameters of each kind of chain.
 
     Returns
     -------
@@ -179,12 +179,12 @@ def gradient(
     Raises
     ------
     ValueError, TypeError, FloatingPointError
-        As for `sensitivities`, also where an event ended the motion.
+        As for `sensitivities`, also if an event ended the motion.
 
     Notes
     -----
-    It goes back through the steps that `sensitivities` goes forward through, and takes the same
-    time for one derivative or all. It holds the state at the beginning of each step.
+    It goes backwards through the steps of the motion, and takes the same time for one derivative or
+    all. It holds the state at the beginning of each step.
     """
     motion, state, n = *_retaken(trajectory), trajectory.chain.n
     chain = arrays_for(motion, parameters)

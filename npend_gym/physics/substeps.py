@@ -107,7 +107,7 @@ def default_substeps(chain: Chain, dt: float) -> int:
 
 
 def check_default(substeps: int, dt: float) -> int:
-    """Return a default number of substeps, refused where one step would take too many."""
+    """Return a default number of substeps; raise an error if one step would take too many."""
     if substeps > MAX_SUBSTEPS:
         raise ValueError(
             f"dt must be so short that {MAX_SUBSTEPS} substeps resolve the fastest motion of each "

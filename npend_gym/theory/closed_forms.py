@@ -107,7 +107,7 @@ def pendulum_factor(amplitude: ArrayLike) -> FloatArray:
 
 
 def _within_pi(name: str, angle: ArrayLike) -> FloatArray:
-    """Return angles [rad], refused where they do not lie within pi."""
+    """Return angles [rad]; raise an error if they do not lie within pi."""
     given = _checks.array(name, angle)
     if np.any(np.abs(given) >= np.pi):
         raise ValueError(f"{name} must lie between -pi and pi, got {_checks.show(angle)}")

@@ -74,7 +74,7 @@ def state_feedback(
     Parameters
     ----------
     config : EnvConfig
-        Of the environment: ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``.
+        Settings of the environment: ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``.
     gain : array_like, shape (joints, 2c), or (2c,) of one motor
         In N m, of a cart in N, for a unit of each entry of the state. It has a row for each entry
         of ``config.joints``: with a cart the force is first. So it fits B of

@@ -40,10 +40,10 @@ class MPC:
     Parameters
     ----------
     config : EnvConfig
-        Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The plan has the
-        steps of the environment, with ideal motors and sensors. In the plan, dry friction fades
-        below the speed of a swing of 0.03 rad. Feedback for friction at rest would fail once noise
-        moves a joint.
+        Settings of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The
+        plan has the steps of the environment, with ideal motors and sensors. In the plan, dry
+        friction fades below the speed of a swing of 0.03 rad. Feedback for friction at rest would
+        fail once noise moves a joint.
     angle : float or array_like, shape (n,)
         Angles at which the rods should rest [rad]; by default all upright.
     horizon : float, optional

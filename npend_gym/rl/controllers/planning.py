@@ -166,9 +166,9 @@ def planned_transition(
     Parameters
     ----------
     config : EnvConfig
-        Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The trajectory
-        has the steps of the environment, with dry friction. The gains treat friction as `lqr` does
-        about the goal.
+        Settings of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The
+        trajectory has the steps of the environment, with dry friction. The gains treat friction as
+        `lqr` does about the goal.
     start, goal : float or array_like, shape (n,)
         Two different equilibria: 0 for a rod that hangs, pi for one that stands [rad]. They may be
         the same where a cart moves.

@@ -86,7 +86,7 @@ def lqr(
     Parameters
     ----------
     config : EnvConfig
-        Of the environment: ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``.
+        Settings of the environment: ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``.
     angle : float or ndarray, shape (n,)
         0 for hanging, pi for upright [rad], for all rods or for each.
     action_weight : float

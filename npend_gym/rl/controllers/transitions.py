@@ -125,7 +125,7 @@ class PlannedTransitions:
         self._time, self._goal = time.copy(), goal.copy()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the trajectories, and what made them, to one file, `path` (.npz).
+        """Write the trajectories and their provenance to one file, `path` (.npz).
 
         Raises
         ------
@@ -163,7 +163,7 @@ class PlannedTransitions:
         ----------
         path : path
         config : EnvConfig
-            Of the environment that the plans were made for: see `planned_transition`.
+            Settings of the environment that the plans were made for: see `planned_transition`.
 
         Raises
         ------

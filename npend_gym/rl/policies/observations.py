@@ -30,7 +30,7 @@ def observation_of(
     Parameters
     ----------
     config : EnvConfig
-        Of the environment: ``EnvConfig(**policy.env)``, or ``env.unwrapped.config``.
+        Settings of the environment: ``EnvConfig(**policy.env)``, or ``env.unwrapped.config``.
     theta, omega : array_like, shape (n,) or (B, n)
         Angles [rad], zero where a rod hangs, and angular velocities [rad/s]; these are not used
         with ``observe_velocities=False``.

@@ -168,7 +168,7 @@ def observation_scale(config: EnvConfig, of_rods: tuple[float, float, float]) ->
 def policy_of(
     mean: nn.Sequential, obs_scale: Tensor, algorithm: str, settings: Any, last: dict[str, Any]
 ) -> Policy:
-    """Return the network of the mean action as plain arrays, with what made it.
+    """Return the network of the mean action as plain arrays, with its provenance.
 
     `last` is the last row of the learning curve.
     """
