@@ -162,7 +162,7 @@ def _shown(module: str, default: Any) -> str:
     text = ast.unparse(default)
     if text in ("None", "False", "Path()"):
         return ""
-    text = re.sub(r"\b[A-Z][A-Z_]+\b", lambda name: _assigned(module, name[0]), text)
+    text = re.sub(r"\b_?[A-Z][A-Z_]+\b", lambda name: _assigned(module, name[0]), text)
     return re.sub(r"math\.|Path|[ ()']", "", text)
 
 
