@@ -62,9 +62,9 @@ def read_motion(
     *paths : path-like
         One or several files of the same chain; their pieces are numbered consecutively.
     columns : mapping of str to str, optional
-        Names of columns in the files, where they differ from these, such as "q1" for "theta0".
-        Formats are then not recognised: columns are read as they are. Positions of bobs are "x0",
-        "y0", ..., rates "omega0", ....
+        Names of columns in the files, where they differ from these, such as "q1" for "theta0". They
+        override the recognised format: columns are then read as they are. Positions of bobs are
+        "x0", "y0", ..., rates "omega0", ....
     degrees : bool
         The angles are in degrees.
     relative : bool
