@@ -160,7 +160,7 @@ def record_simulation(
     steps = [min(_checks.positive_number("interval", each), seconds) for each in intervals]
     check_angles(sum(seconds / step for step in steps), n)
     instants = [step * np.arange(int(seconds / step + 1e-9) + 1.0) for step in steps]
-    options = {"method": method, "dt": dt}
+    options: dict[str, Any] = {"method": method, "dt": dt}
     motion = simulate(chain, theta, omega, np.unique(np.concatenate(instants)), **options)
     first, periods = motion.theta[0], np.full(chain.n, np.nan)
     is_release = not motion.omega[0].any() and 0.0 < np.abs(first).max() <= np.pi

@@ -113,10 +113,10 @@ class MujocoEpisodes(Episodes):
         self._data = mujoco.MjData(self._model)
         super().__init__(config, count, threads, max_steps)
 
-    def _run(self, plan: Plan) -> None:
+    def _run(self, plan: Plan, task: FloatArray) -> None:
         """Move the chains by MuJoCo; the step kernel, in which none is active, only judges them."""
-        if plan is not self._stepping:
-            super()._run(plan)
+        if task is not self._task:
+            super()._run(plan, task)
             return
         memory, flags = self._memory, self.outputs.flags[:, : self.count]
         members, before = memory.members, self.angles
@@ -134,7 +134,7 @@ class MujocoEpisodes(Episodes):
             memory.fill(memory.of_base(field), values)
         members[Member.TIME, moves & sound] += self.config.dt
         members[Member.ACTIVE] = 0.0
-        super()._run(plan)
+        super()._run(plan, task)
         members[Member.ACTIVE] = 1.0
         members[Member.DIVERGED, ~sound] = 1.0
         flags[Flag.DIVERGED, ~sound] = flags[Flag.TRUNCATED, ~sound] = True
