@@ -288,6 +288,12 @@ def test_the_command_compares_files(shipped, tmp_path, capsys):
     assert main(["benchmark", "--compare", str(tmp_path)]) == 0
     assert "still" in (shown := capsys.readouterr().out)
     assert "0.250" in shown  # of two of eight tasks
+    options = ["--compare", str(tmp_path), "--tasks", "swingup-1,balance-1-cart"]
+    assert main(["benchmark", *options]) == 0
+    assert "1.000" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["benchmark", "--check", str(tmp_path)])
+    assert "check must be a JSON file of one run" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["benchmark"])
     assert "give a model, --compare or --check" in capsys.readouterr().err
@@ -321,6 +327,8 @@ def test_algorithms_of_several_runs_are_compared_by_runs():
     assert first["improvement"] == 0.5
     assert second["profile"][2] == pytest.approx((good > 0.5).mean())
     assert rl.compare_benchmarks(runs, "good")[0]["improvement"] == 0.0
+    first, second = rl.compare_benchmarks(runs, tasks=["balance-2", "calm-2"])
+    assert (first["tasks"], second["mean"]) == (2, pytest.approx(good[:, 2:4].mean()))
 
 
 def test_a_single_run_is_compared_by_its_episodes(shipped):

@@ -10,7 +10,7 @@ Examples
   npend benchmark models --suite core --algorithm PPO --trust --name ppo --env-steps 1000000
   npend benchmark swingup-2.onnx --out results --compare benchmarks/leaderboard
   npend benchmark mine.py:act --suite hard --name mine -o results
-  npend benchmark --compare benchmarks/leaderboard --suite core
+  npend benchmark --compare benchmarks/leaderboard --suite core --tasks swingup-1,swingup-2
   npend benchmark --check benchmarks/leaderboard/pretrained-core-0.json
 """
 
@@ -34,6 +34,7 @@ def run(
     env_steps: int | None = None,
     by: str | None = None,
     episodes: int = 100,
+    tasks: Sequence[str] | None = None,
     compare: Path | None = None,
     check: Path | None = None,
     tolerance: float = 0.0,
@@ -60,6 +61,8 @@ def run(
         Who trained it, for readers.
     episodes : int
         Of each task; with fewer than 100 the result is not complete.
+    tasks : task, optional
+        Only these tasks of the suite.
     compare : folder, optional
         A folder, or a JSON file, of results that are put beside these.
     check : file, optional
@@ -75,6 +78,7 @@ def run(
     from npend_gym.rl.benchmarking.play import benchmark
     from npend_gym.rl.benchmarking.readers import read_models
     from npend_gym.rl.benchmarking.results import read_benchmarks
+    from npend_gym.rl.benchmarking.suites import SUITES
 
     if check is not None:
         return _checked(check, model, algorithm, trust=trust, tolerance=tolerance)
@@ -85,14 +89,16 @@ def run(
     known = [] if compare is None else read_benchmarks([compare])
     others = [each for each in known if each.suite == suite]
     runs: list[Any] = []
+    chosen = SUITES[suite].__contains__ if tasks is None else list(tasks).__contains__
     if model is not None:
         about: dict[str, Any] = {"env_steps": env_steps, "by": by}
         shown, plans = progress("tasks"), progress("plans")
         read = read_models(model, suite, algorithm=algorithm, trust=trust, progress=plans)
         for seed, found in read.items():
+            models = {each: found.models[each] for each in found.models if chosen(each)}
             runs.append(
                 benchmark(
-                    found.models,
+                    models,
                     suite,
                     name=name or Path(model.partition(":")[0]).stem,
                     run=seed,
@@ -105,7 +111,7 @@ def run(
     shorter = any(not each.complete for each in runs)
     if shorter and others:
         raise ValueError(f"episodes must be 100 with --compare, got {episodes}")
-    rows = compare_benchmarks([*runs, *others]) if others else []
+    rows = compare_benchmarks([*runs, *others], tasks=tasks) if others else []
     with finishing():
         written = [] if out is None else [path for each in runs for path in each.write(out)]
         if as_json:
@@ -153,6 +159,8 @@ def _checked(
     from npend_gym.rl.benchmarking.readers import NAMED, read_models
     from npend_gym.rl.benchmarking.results import read_benchmarks
 
+    if path.is_dir():
+        raise ValueError(f"check must be a JSON file of one run, got the folder {path}")
     (found,) = read_benchmarks([path])
     source = model or found.record["model"].get("from")
     if model is None and source not in NAMED:
@@ -169,6 +177,8 @@ def _checked(
     )  # fmt: skip
     for each in replay.complaints:
         warn(f"npend benchmark: {path}: {each}")
+    if replay.complaints:
+        warn(f"npend benchmark: {path} was made by {found.record['made_by']}")
     same = "to the last bit" if replay.same_bits else "but for rounding, or within the tolerance"
     if replay.accepted:
         print(f"{printable(str(path))}: accepted, its episodes are the same {same}")

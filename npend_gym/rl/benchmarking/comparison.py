@@ -22,7 +22,9 @@ FEW = 3  # runs, with fewer of which an interval of runs says nothing
 PROFILE = 0.0, 0.25, 0.5, 0.75, 0.95  # scores
 
 
-def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[dict[str, Any]]:
+def compare_benchmarks(
+    runs: Iterable[BenchmarkRun], against: str = "", *, tasks: Sequence[str] | None = None
+) -> list[dict[str, Any]]:
     """Compare algorithms in one suite, with the statistics of `bootstrap_interval` and its like.
 
     Parameters
@@ -31,6 +33,8 @@ def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[
         Those of one name belong to one algorithm.
     against : str
         The algorithm with which others are compared; the default is the first.
+    tasks : sequence of str, optional
+        In which tasks of the suite; the default is all.
 
     Returns
     -------
@@ -67,23 +71,26 @@ def compare_benchmarks(runs: Iterable[BenchmarkRun], against: str = "") -> list[
         if len({each.run for each in group}) < len(group):
             raise ValueError(f"runs of {name} must each have their own seed, got one twice")
     other = _checks.choice("against", against or next(iter(groups)), tuple(groups))
-    return [_compared(name, groups[name], groups[other]) for name in groups]
+    known = tuple(tasks_of(*suites))
+    names = [_checks.choice("tasks", each, known) for each in (known if tasks is None else tasks)]
+    return [_compared(groups[name], groups[other], names) for name in groups]
 
 
 def _compared(
-    name: str, own: Sequence[BenchmarkRun], other: Sequence[BenchmarkRun]
+    own: Sequence[BenchmarkRun], other: Sequence[BenchmarkRun], tasks: Sequence[str]
 ) -> dict[str, Any]:
-    by_task = _scores(own)
+    by_task = _scores(own, tasks)
     few = len(own) < FEW
-    units = _episodes(own) if few else by_task
+    units = _episodes(own, tasks) if few else by_task
     low, high = bootstrap_interval(units, _of_means if few else interquartile_mean)
     few_of_both = few or len(other) < FEW
-    pair = [_episodes(each) if few_of_both else _scores(each) for each in (own, other)]
+    of_units = _episodes if few_of_both else _scores
+    pair = [of_units(each, tasks) for each in (own, other)]
     chance = bootstrap_interval(pair[0], probability_of_improvement, others=pair[1], resamples=500)
     return {
-        "name": name,
+        "name": own[0].name,
         "runs": len(own),
-        "tasks": len(tasks_of(own[0].suite)) - len(own[0].not_run),
+        "tasks": sum(any(task in each.episodes for each in own) for task in tasks),
         "mean": float(by_task.mean()),
         "iqm": interquartile_mean(by_task),
         "low": low,
@@ -96,22 +103,19 @@ def _compared(
     }
 
 
-def _scores(runs: Sequence[BenchmarkRun]) -> FloatArray:
+def _scores(runs: Sequence[BenchmarkRun], tasks: Sequence[str]) -> FloatArray:
     """Return the mean score of every run in every task, (runs, tasks)."""
-    return np.array([list(each.scores.values()) for each in runs])
+    return np.array([[each.scores[task] for task in tasks] for each in runs])
 
 
-def _episodes(runs: Sequence[BenchmarkRun]) -> FloatArray:
+def _episodes(runs: Sequence[BenchmarkRun], tasks: Sequence[str]) -> FloatArray:
     """Return the scores of all episodes of all runs, (episodes, tasks)."""
     sizes = {columns["score"].size for each in runs for columns in each.episodes.values()}
     if len(sizes) > 1:
         raise ValueError(f"runs must have as many episodes in each task, got {sorted(sizes)}")
     nothing: FloatArray = np.zeros(max(sizes, default=1))
     by_run: list[list[FloatArray]] = [
-        [
-            each.episodes[task]["score"] if task in each.episodes else nothing
-            for task in tasks_of(each.suite)
-        ]
+        [each.episodes[task]["score"] if task in each.episodes else nothing for task in tasks]
         for each in runs
     ]
     return np.concatenate([np.stack(columns, axis=1) for columns in by_run])
