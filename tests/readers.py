@@ -30,7 +30,7 @@ from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.experiments.campaign.releases import read_releases
 from npend_gym.identification import read_motion
 from npend_gym.report import release_tables
-from npend_gym.rl import PlannedTransitions, Policy
+from npend_gym.rl import BenchmarkRun, PlannedTransitions, Policy, read_benchmarks
 
 CORPUS = Path(__file__).parent / "corpus"
 PLAN = CampaignPlan(n=2, amplitude=[0.3, 0.7], trials=20, batch=20)
@@ -75,7 +75,10 @@ class Reader:
 
 def make_readers(folder: Path) -> dict[str, Reader]:
     """Return the readers by name; `folder` gets a folder for each."""
-    made = [_policies, _trajectory, _campaign, _plan_files, _release, _motion, _chain, _transitions]
+    made = [
+        _policies, _trajectory, _campaign, _plan_files, _release, _motion, _chain, _transitions,
+        _benchmark,
+    ]  # fmt: skip
     readers: dict[str, Reader] = {}
     for make in made:
         own = folder / make.__name__.strip("_")
@@ -243,6 +246,25 @@ def _transitions(folder: Path) -> dict[str, Reader]:
             [path.read_bytes()],
         )
     }  # fmt: skip
+
+
+def _benchmark(folder: Path) -> dict[str, Reader]:
+    columns = {name: np.linspace(0.0, 1.0, 3) for name in ("score", "return", "motor_work")}
+    columns["settling_time"] = np.array([0.5, np.nan, 1.5])
+    record = {"model": {"from": "a"}, "about": {"by": "b", "env_steps": 7}, "made_by": "c"}
+    episodes = {"swingup-2": columns, "calm-2": columns}
+    made: dict[str, Reader] = {}
+    for k, mutate in enumerate((mutations.of_json, mutations.of_lines)):
+        paths = BenchmarkRun("a", "core", k, episodes, record).write(folder)
+
+        def read(path: Path = paths[0]) -> None:
+            for run in read_benchmarks([path]):
+                json.dumps(run.as_dict())
+
+        made[("benchmark", "episodes")[k]] = Reader(
+            paths[k], read, mutate, FILES, [paths[k].read_bytes()]
+        )
+    return made
 
 
 def mutants(reader: Reader, seed: int, corpus: list[bytes]):

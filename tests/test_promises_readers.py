@@ -12,6 +12,7 @@ from readers import CORPUS, make_readers, mutants
 NAMES = (
     "policy", "trajectory", "part", "plan", "plan_toml", "plan_yaml", "plan_json", "manifest",
     "release", "periods", "motion", "chain", "transitions",
+    "benchmark", "episodes",
 )  # fmt: skip
 NIGHTLY = Path(__file__).parents[1] / ".ci" / "nightly"
 of_the_night = pytest.mark.skipif(

@@ -172,7 +172,7 @@ def _read(path: Path) -> BenchmarkRun:
         wrong = [key for key in again if again[key] != said.get(key)]
     except KeyError as error:
         raise ValueError(f"{path} must be of npend benchmark: it lacks {error}") from error
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, csv.Error) as error:
         raise ValueError(f"{path} must be of npend benchmark: {error}") from error
     if wrong:
         raise ValueError(
