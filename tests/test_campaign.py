@@ -398,7 +398,7 @@ def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="is damaged"):
         Campaign(None, tmp_path)
     (tmp_path / "plan.json").write_text(text)
-    monkeypatch.setattr("npend_gym.experiments.campaign.campaign.__version__", "9.0")
+    monkeypatch.setattr("npend_gym.experiments.campaign.status.__version__", "9.0")
     with pytest.raises(ValueError, match="another folder"):
         Campaign(None, tmp_path)
 

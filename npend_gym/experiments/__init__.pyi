@@ -7,12 +7,12 @@ from npend_gym.experiments.campaign.analysis import analyse as analyse
 from npend_gym.experiments.campaign.campaign import BusyError as BusyError
 from npend_gym.experiments.campaign.campaign import Campaign as Campaign
 from npend_gym.experiments.campaign.campaign import DiskError as DiskError
-from npend_gym.experiments.campaign.campaign import FolderStatus as FolderStatus
 from npend_gym.experiments.campaign.engine import WorkersLostError as WorkersLostError
 from npend_gym.experiments.campaign.merge import Summary as Summary
 from npend_gym.experiments.campaign.plan import CampaignPlan as CampaignPlan
 from npend_gym.experiments.campaign.statistics import Outlier as Outlier
 from npend_gym.experiments.campaign.statistics import Statistics as Statistics
+from npend_gym.experiments.campaign.status import FolderStatus as FolderStatus
 from npend_gym.experiments.campaign.sweep import SweepPlan as SweepPlan
 from npend_gym.experiments.campaign.tasks import Task as Task
 from npend_gym.experiments.fits import LAW_FROM as LAW_FROM

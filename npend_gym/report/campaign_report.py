@@ -15,11 +15,11 @@ import numpy as np
 
 from npend_gym import _files
 from npend_gym.experiments import AmplitudeLaw, Analysis, Campaign, CellGroup, PowerFit
-from npend_gym.experiments.campaign.campaign import CELLS, PLAN, FolderStatus
 from npend_gym.experiments.campaign.folder import Folder
 from npend_gym.experiments.campaign.merge import STATISTICS, Summary
 from npend_gym.experiments.campaign.releases import finite_or_none
 from npend_gym.experiments.campaign.statistics import FAR
+from npend_gym.experiments.campaign.status import CELLS, PLAN, FolderStatus
 from npend_gym.experiments.campaign.tasks import Plan
 from npend_gym.report import player
 from npend_gym.report.outputs import (

@@ -26,11 +26,11 @@ from scipy.optimize import OptimizeWarning, curve_fit
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, preset_name
-from npend_gym.experiments.campaign.campaign import FolderStatus, check_folder, read_plan
 from npend_gym.experiments.campaign.folder import open_folder
 from npend_gym.experiments.campaign.merge import Summary, summary
 from npend_gym.experiments.campaign.plan import OF_CHAIN, CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
+from npend_gym.experiments.campaign.status import FolderStatus, check_folder, read_plan
 from npend_gym.experiments.campaign.sweep import SweepPlan
 from npend_gym.experiments.fits import (
     LAW_FROM,

@@ -85,9 +85,7 @@ class Folder:
         with _files.replacing(path, binary=True) as file:
             yield file
 
-    def create(self, name: str, data: bytes) -> None:
-        """Write a file where there is none; what another has written by now is kept or replaced."""
-        self.write(name, data)
+    create = write  # on the condition that there is none, in a store
 
     def write_part(self, owner: str, place: str, data: bytes, suffix: str) -> None:
         """Write a part whole or not at all; its name has the digest of its bytes."""

@@ -10,9 +10,9 @@ from typing import Any
 
 from npend_gym._checks import BoolArray
 from npend_gym._provenance import provenance
-from npend_gym.experiments.campaign.campaign import FolderStatus, check_folder, parts_of, read_plan
 from npend_gym.experiments.campaign.folder import Folder, open_folder
 from npend_gym.experiments.campaign.parts import pa, pq, writer
+from npend_gym.experiments.campaign.status import FolderStatus, check_folder, parts_of, read_plan
 from npend_gym.experiments.campaign.sweep import ROWS, SweepPlan
 from npend_gym.experiments.campaign.tasks import Plan
 
