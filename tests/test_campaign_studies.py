@@ -27,6 +27,7 @@ from npend_gym.experiments.campaign.sweep import as_table, plan_of
 
 DATA = Path(__file__).parent.parent / "examples" / "data"
 LAB = """
+import functools
 import time
 import numpy as np
 
@@ -34,6 +35,8 @@ def swing(*, seed, gain, mass=1.0, wait=0.0):
     time.sleep(wait)
     rng = np.random.default_rng([seed, int(10 * gain)])
     return [{"step": k, "value": float(mass * gain * rng.normal())} for k in range(3)]
+
+doubled = functools.partial(swing, mass=2.0)
 
 def clock(*, seed):
     return {"now": time.perf_counter()}
@@ -142,13 +145,14 @@ def test_what_is_no_table_is_an_error_of_the_task():
             as_table(result)
 
 
-def test_a_study_whose_file_has_changed_is_not_continued(lab):
-    plan = SweepPlan("lab:swing", {"gain": [1, 2]}, trials=2)
+@pytest.mark.parametrize("study", ["lab:swing", "lab:doubled"])
+def test_a_study_whose_file_has_changed_is_not_continued(study, lab):
+    plan = SweepPlan(study, {"gain": [1, 2]}, trials=2)
     with Campaign(plan, lab / "out") as campaign:
         next(campaign.run("threading", 1))
     (lab / "lab.py").write_text(LAB.replace("range(3)", "range(4)"))
     with (
-        pytest.raises(ValueError, match="the file of lab:swing has changed"),
+        pytest.raises(ValueError, match=f"the file of {study} has changed"),
         Campaign(None, lab / "out"),
     ):
         pass
@@ -164,6 +168,7 @@ def one_row(study, parameters, out, **more):
     return rows(out).to_pylist()
 
 
+@pytest.mark.long
 def test_a_sweep_of_evaluations_has_what_evaluate_returns(tmp_path):
     given = {"policy": "balance-2", "damping": [0.0, 0.1], "episodes": 2}
     found = one_row("evaluate", given, tmp_path, trials=2)
@@ -441,7 +446,7 @@ def test_no_array_job_has_more_tasks_than_the_campaign(lab, capsys):
 @pytest.mark.long
 def test_the_memory_of_a_driver_does_not_grow_with_the_number_of_tasks(lab):
     peaks = {}
-    for tasks in (10_000, 1_000_000):
+    for tasks in (10_000, 200_000):
         plan = SweepPlan("lab:swing", {"gain": 1}, trials=tasks)
         with Campaign(plan, lab / f"{tasks}") as campaign:
             tracemalloc.start()
@@ -453,7 +458,7 @@ def test_the_memory_of_a_driver_does_not_grow_with_the_number_of_tasks(lab):
             finally:
                 tracemalloc.stop()
         assert campaign.status.trials == tasks
-    assert peaks[1_000_000] - peaks[10_000] < 1.1e6  # a byte for each task
+    assert peaks[200_000] - peaks[10_000] < 0.3e6  # a byte for each task
 
 
 def test_sigterm_of_a_shard_keeps_what_is_done(lab, capsys, monkeypatch):

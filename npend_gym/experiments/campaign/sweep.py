@@ -170,7 +170,11 @@ class SweepPlan(Plan):
             ) from error
         if self.study in BUILT_IN:
             return ""  # the version stands for it
-        found = _files.sha256(Path(inspect.getfile(inspect.unwrap(function))))
+        try:
+            file = inspect.getfile(inspect.unwrap(function))
+        except TypeError:  # an object that can be called
+            file = str(import_module(self.study.partition(":")[0]).__file__)
+        found = _files.sha256(Path(file))
         if self.code not in (None, found):
             raise ValueError(
                 f"the file of {self.study} has changed since the campaign began: choose another "
