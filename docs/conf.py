@@ -9,6 +9,7 @@ from latex2mathml.converter import convert
 
 from npend_gym import __version__
 from npend_gym.cli import main, parsers
+from npend_gym.export.readers import MENDS
 
 ROOT = Path(__file__).parent.parent
 
@@ -129,6 +130,34 @@ def derivatives_of_engines() -> str:
     return "\n".join(lines)
 
 
+def engines_read() -> str:
+    """Return what `python benchmarks/engines_read.py` has written: what engines make of files."""
+    rows = results("engines_read")
+    names = [*dict.fromkeys(row["property"] for row in rows)]
+    lines = [f"| engine | file | {' | '.join(names)} |", "|---|---|" + "---|" * len(names)]
+    signs = {"kept": "kept", "not in the format": ""}
+    for key in dict.fromkeys((row["engine"], row["version"], row["format"]) for row in rows):
+        engine, release, kind = key
+        cells = []
+        for row in rows:
+            if (row["engine"], row["format"]) == (engine, kind):
+                first = row["as_it_is"]
+                mended = row["mended"] == "kept" and first != "kept"
+                shown = signs.get(first, first if first in ("lost", "changed") else "refused")
+                cells.append(f"{shown}, mended" if mended else shown)
+        lines.append(f"| {engine} {release} | {kind.upper()} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def mends() -> str:
+    """Return the lines that mend what engines lose, as `npend export --for` prints them."""
+    lines = ["| engine | file | property | line |", "|---|---|---|---|"]
+    for (engine, kind, name), line in MENDS.items():
+        shown = f"`{line}`" if not line.startswith("no line") else line
+        lines.append(f"| {engine} | {kind.upper() or 'both'} | {name} | {shown} |")
+    return "\n".join(lines)
+
+
 def results(name: str) -> list[dict[str, str]]:
     """Return the rows of a file of results."""
     path = ROOT / "benchmarks" / "results" / f"{name}.csv"
@@ -141,7 +170,14 @@ SUITES = "start", "dynamics", "environments", "episodes", "derivatives", "chaos"
 myst_substitutions = {suite: benchmark(suite) for suite in SUITES} | {"learning": of_learning()}
 myst_substitutions |= {
     table.__name__: table()
-    for table in (engines, engines_by_case, engines_that_cannot, derivatives_of_engines)
+    for table in (
+        engines,
+        engines_by_case,
+        engines_that_cannot,
+        derivatives_of_engines,
+        engines_read,
+        mends,
+    )
 }
 
 man_pages = [

@@ -1,6 +1,8 @@
 """Chains as robots in URDF: their mass matrix and forces by Pinocchio."""
 
+import csv
 import json
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -8,9 +10,10 @@ import pytest
 
 from npend_gym import Cart, Chain
 from npend_gym.cli import main
-from npend_gym.export import from_urdf, to_urdf
+from npend_gym.export import from_urdf, readers, to_urdf
 from npend_gym.physics import accelerations, mass_matrix
 
+ROOT = Path(__file__).parent.parent
 CHAINS = {
     "bobs": Chain([1.0, 0.5, 0.7], [1.0, 0.4, 0.8]),
     "links": Chain([1.0, 0.7], [0.8, 0.5], centres=[0.5, -0.2], inertias=[0.02, 0.0]),
@@ -105,6 +108,43 @@ def test_armature_is_dropped_where_a_user_says_so_but_that_of_the_base_stays(tmp
     assert main(words) == 0
     assert "drops armature = [0.3, 0.1]" in capsys.readouterr().err
     assert out.read_text() == to_urdf(Chain(**given, armature=[0.3, 0.0]))
+
+
+def test_the_command_says_what_an_engine_loses_of_this_chain_and_how_to_mend_it(tmp_path, capsys):
+    file, out = tmp_path / "chain.json", str(tmp_path / "out")
+    chain = Chain([1.0, 1.0], 1.0, 3.7, damping=0.1, armature=[0.0, 0.1], inertias=0.1)
+    file.write_text(json.dumps(chain.as_dict()))
+    words = ["export", "--chain", str(file), "--for"]
+    assert main([*words, "drake", "--to", "mjcf", "-o", out + ".xml"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("npend export: drake needs for the armature of this one: plant.AddJoint")
+    urdf = ["--to", "urdf", "-o", out + ".urdf", "--drop", "armature"]
+    assert main([*words, "pinocchio", *urdf]) == 0
+    said = capsys.readouterr().err
+    assert "for the gravity of this one: model.gravity.linear = numpy.array([0, 0, -g])" in said
+    assert "for the damping of this one: tau -= model.damping * v" in said
+    for engine, message in (("mjx", "mjx must have --to mjcf"), ("ode", "the engine must be one")):
+        with pytest.raises(SystemExit):
+            main([*words, engine, *urdf])
+        assert message in capsys.readouterr().err
+
+
+def test_each_property_that_an_engine_loses_has_a_line_that_mends_it_or_says_that_none_does():
+    path = ROOT / "benchmarks" / "results" / "engines_read.csv"
+    rows = csv.DictReader(path.read_text().splitlines())
+    known = {"MuJoCo Warp": "mujoco_warp"}
+    for row in rows:
+        engine = known.get(row["engine"], row["engine"].lower())
+        assert engine in readers.ENGINES
+        name = row["property"].split()[0]
+        lines = [
+            line for (program, kind, about), line in readers.MENDS.items()
+            if program == engine and kind in ("", row["format"]) and about in ("any", name)
+        ]  # fmt: skip
+        if row["as_it_is"] not in ("kept", "not in the format"):
+            assert lines, row
+        if row["mended"] not in ("kept", ""):
+            assert any("no line" in line or "tau" in line for line in lines), row
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ Examples
   npend export --controller plan --task swingup-2 --to c -o plan.h
   npend export swingup-3-robust --to torch -o policy.pt2
   npend export --chain results/fit.json --to mjcf --drop quadratic_drag --motors 0 -o chain.xml
+  npend export --chain acrobot --to urdf --for drake -o chain.urdf
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ def run(
     controller: str | None = None,
     task: str | None = None,
     env: Sequence[tuple[str, Any]] = (),
+    for_engine: str | None = None,
     **model: Any,
 ) -> int:
     """Write the file; return the exit code.
@@ -72,11 +74,15 @@ def run(
         quadratic_drag, armature, stiffness).
     controller : name, optional
         A controller in place of a policy: LQR, damping or, for c, plan.
+    for_engine : name, optional
+        Print what this engine loses of the file, and the line that mends it: mujoco, mjx,
+        mujoco_warp, newton, genesis, drake, dart, pinocchio, idyntree, pybullet, sapien, brax or
+        roboticstoolbox.
     """
     from npend_gym import _checks, export
     from npend_gym._files import replacing
     from npend_gym.chain import as_chain
-    from npend_gym.export import mjcf, urdf
+    from npend_gym.export import mjcf, readers, urdf
     from npend_gym.report import prepare_file
 
     prepare_file(out, (_SUFFIXES[to],))
@@ -96,10 +102,15 @@ def run(
         whole = mjcf.without(given, drop, f"--to {to}", lacks)
         for name, value in mjcf.held(given, drop).items():
             warn(f"npend export: drops {name} = {value}: the {to} moves otherwise than the chain")
+        said = [] if for_engine is None else readers.advice(for_engine, to, whole)
         text = export.to_mjcf(whole, **model) if to == "mjcf" else export.to_urdf(whole)
         with replacing(out) as file:
             file.write(text)
+        for line in said:
+            warn(f"npend export: {line}")
     else:
+        if for_engine is not None:
+            raise ValueError("--for is for --to mjcf or urdf")
         if drop:
             raise ValueError("--drop is for --to mjcf or urdf, which lack terms")
         if chain is not None:

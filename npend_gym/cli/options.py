@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from npend_gym.cli import values
 
 # Option of a parameter, where it has another name, and its short form
-_SPELLED = {"n_values": "n", "as_json": "json", "settings": "set"}
+_SPELLED = {"n_values": "n", "as_json": "json", "settings": "set", "for_engine": "for"}
 _SHORT = {"--n": "-n", "--out": "-o", "--seed": "-s", "--amplitude": "-a", "--trials": "-t"}
 # Annotation of a parameter: what reads its text, and its placeholder, in which X stands for the
 # unit or the name
