@@ -17,7 +17,7 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import generator
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig, task_numbers
-from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
+from npend_gym.envs.hardware import MotorCalls, SensorCalls, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.kernels import ruled, step_many, step_one
 from npend_gym.envs.laws import of_kind
@@ -106,8 +106,8 @@ class Episodes:
         self._drawing = self.seeds.keys, nominal, random.draws, self._context, nominal.copy()
         self._beginning = n, self.seeds.keys, self._start, self._actions
         timing = config.dt, config.min_substeps, config.max_rotation
-        self.motors: Motors | None
-        self.sensors: Sensors | None
+        self.motors: MotorCalls | None
+        self.sensors: SensorCalls | None
         self.motors, self.sensors = fit_hardware(config, self._memory)
         self._task, observing = (
             task_numbers(

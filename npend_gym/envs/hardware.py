@@ -23,11 +23,13 @@ from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.memory import Memory, Plan
 
 
-def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
+def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[MotorCalls | None, SensorCalls | None]:
     """Return motors and sensors where they are not ideal, else None."""
     driven = any(config.largest[name] > 0.0 for name in (*ERRORS_OF_MOTORS, *OF_PUSHES))
     sensed = any(config.largest[name] > 0.0 for name in OF_SENSORS)
-    return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
+    return MotorCalls(config, memory) if driven else None, SensorCalls(
+        config, memory
+    ) if sensed else None
 
 
 def _slots(delay: float) -> int:
@@ -35,8 +37,8 @@ def _slots(delay: float) -> int:
     return 1 << (int(delay) + 1).bit_length()
 
 
-class Motors:
-    """The motors of many sub-environments, and what pushes them."""
+class MotorCalls:
+    """The motors of many lanes, and what pushes them."""
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._joints, substeps = memory, config.joints, config.min_substeps
@@ -98,8 +100,8 @@ class Motors:
             run(self._apply, (*arrays, piece, self.pieces), self.plan)
 
 
-class Sensors:
-    """The sensors of many sub-environments."""
+class SensorCalls:
+    """The sensors of many lanes."""
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._dt = memory, config.dt

@@ -15,7 +15,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane, with_goals
-from npend_gym.envs.hardware import Motors
+from npend_gym.envs.hardware import MotorCalls
 from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, TRUTHS, BatchInfo, Info
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, first_row
@@ -74,7 +74,7 @@ class Outputs:
     """
 
     def __init__(
-        self, config: EnvConfig, memory: Memory, motors: Motors | None, context: FloatArray,
+        self, config: EnvConfig, memory: Memory, motors: MotorCalls | None, context: FloatArray,
         *, with_quantities: bool,
     ) -> None:  # fmt: skip
         self.config: EnvConfig = config

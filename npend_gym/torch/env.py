@@ -30,7 +30,7 @@ from npend_gym.torch.checks import (
     clipped_action,
 )
 from npend_gym.torch.compiled_steps import call_of
-from npend_gym.torch.hardware import Motors, Sensors, begun
+from npend_gym.torch.hardware import TensorMotors, TensorSensors, begun
 from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
 
 
@@ -113,8 +113,8 @@ class DifferentiableVectorEnv(ManyLanes):
         self._taken = 0
 
     def _fit_hardware(self) -> None:
-        self._motors = Motors(self._episodes, self.device)
-        self._sensors = Sensors(self._episodes)
+        self._motors = TensorMotors(self._episodes, self.device)
+        self._sensors = TensorSensors(self._episodes)
 
     def _begin(self, call: str, before: Progress) -> Episodes:
         episodes = super()._begin(call, before)

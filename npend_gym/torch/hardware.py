@@ -66,7 +66,7 @@ class Past:
         self._kept = [each.detach() for each in self._kept]
 
 
-class Motors:
+class TensorMotors:
     """The motors of an environment, and pushes at the tip, as `npend_gym.envs.motors`.
 
     Each of the `pieces` of a step has loads on `joints`, all where a push or ripple may turn them.
@@ -137,7 +137,7 @@ class Motors:
         self._lagged = self._lagged.detach()
 
 
-class Sensors:
+class TensorSensors:
     """The sensors of an environment, as `npend_gym.envs.sensors`."""
 
     def __init__(self, episodes: Episodes) -> None:
