@@ -319,6 +319,7 @@ def task_numbers(
         "PER_CART_SPEED": config.cart_speed_factor,
         "VELOCITIES": config.observe_velocities,
         "UPRIGHTNESS": config.least_uprightness,
+        "RAIL_WEIGHT": config.mode.rail_weight,
     } | flags
     return np.array([task.get(name, 0.0) for name in Task._fields], np.float64)
 

@@ -7,6 +7,7 @@ observations, the quantities that modes judge by, and the numbers of the info.
 # ruff: noqa: ARG001  what measures, and what does not, share their parameters
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -118,7 +119,7 @@ def _measure(
     The energy of sub-environments that start becomes that of the start.
     """
     s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
-    kinetic, lift, tip = energies(
+    kinetic, lift, tip_height = energies(
         group.omega, group.carried, group.mass, group.velocity, group.chain, s, c
     )
     n = group.velocity.size
@@ -137,21 +138,24 @@ def _measure(
     drift = (energy - start) - numbers[Member.WORK, g]
     per_energy = numbers[Episode.PER_ENERGY, g]
     share = energy / where(start > 0.0, start, 1.0)
-    closeness = distance = place = 0.0 * lift
-    upright = -c[0]
+    closeness = distance = place = pace = 0.0 * lift
+    upright, reach = -c[0], rows[Rod.LENGTH][0] * s[0]
     for i in range(1, n):
         upright = where(-c[i] < upright, -c[i], upright)
+        reach = reach + rows[Rod.LENGTH][i] * s[i]
+    tip, reach = tip_height * numbers[Episode.PER_LENGTH, g], reach * numbers[Episode.PER_LENGTH, g]
+    away = math.sqrt(reach * reach + (1.0 - tip) * (1.0 - tip))
     if task[Task.RAIL] > 0.0:
         outputs[Output.CART_POSITION, g] = group.theta[n]
         outputs[Output.CART_VELOCITY, g] = group.omega[n]
-        place = group.theta[n] / task[Task.RAIL]
+        place, pace = group.theta[n] / task[Task.RAIL], group.omega[n]
     if task[Task.GOALS] > 0.0:
         closeness, distance = _approach(rows[Pose.GOAL], g, group, c, outputs)
     quantities = Quantities(
-        lift * numbers[Episode.PER_LIFT, g], tip * numbers[Episode.PER_LENGTH, g],
+        lift * numbers[Episode.PER_LIFT, g], tip,
         energy * per_energy, kinetic * per_energy,
         where(start > 0.0, share, energy * per_energy), squares, closeness, distance,
-        place, upright, group.theta, group.omega,
+        place, upright, away, pace, group.theta, group.omega,
     )  # fmt: skip
     if task[Task.MODE] == 0.0 or task[Task.GOALS] > 0.0:
         judging = outputs[_first_row(Block.QUANTITIES, n) :]
@@ -160,7 +164,7 @@ def _measure(
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
     outputs[Output.ENERGY, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
-    outputs[Output.TIP_HEIGHT, g] = tip
+    outputs[Output.TIP_HEIGHT, g] = tip_height
     flags[Flag.DIVERGED, g] = numbers[Member.DIVERGED, g] > 0.0
     return quantities
 
@@ -215,11 +219,13 @@ def ruled(
     """Reward, failure and success of a mode, changed by what holds in all modes.
 
     An episode terminates off the rail, and with `max_tilt` where a rod leans by more. The reward is
-    halved at the ends of the rail. With `reward_type` "sparse" it is the success.
+    smaller by the share `Mode.rail_weight` at the ends of the rail. With `reward_type` "sparse" it
+    is the success.
     """
     if task[Task.RAIL] > 0.0:
         left = abs(rail_position) > 1.0
-        reward = where(left, 0.0, reward * (1.0 - 0.5 * (rail_position * rail_position)))
+        factor = 1.0 - task[Task.RAIL_WEIGHT] * (rail_position * rail_position)
+        reward = where(left, 0.0, reward * factor)
         achieved, failed = achieved & (abs(rail_position) <= 1.0), failed | left
     if task[Task.UPRIGHTNESS] >= -1.0:
         achieved = achieved & (uprightness >= task[Task.UPRIGHTNESS])
@@ -236,7 +242,7 @@ def _judge(
 ) -> None:  # fmt: skip
     """Write reward, end and success by the formulas of the built-in mode; count the steps.
 
-    Where Python judges, it does so afterwards. A environment that starts has no reward and no end.
+    Where Python judges, it does so afterwards. An environment that starts has no reward and no end.
     """
     mode = int(task[Task.MODE])
     reward, failed, achieved = _judged(mode, quantities)

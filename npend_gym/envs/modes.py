@@ -49,6 +49,10 @@ class Quantities(NamedTuple, Generic[_T]):
     """Place of the cart over `rail`: within -1 to 1 while it is on its rail; 0 without a cart."""
     uprightness: _T
     """Smallest -cos theta_i: 1 where all rods stand, below 0 where one is below the horizontal."""
+    tip_distance: _T
+    """Distance of the tip from where it is upright, over the length of the chain, 0 to 2."""
+    cart_velocity: _T
+    """Velocity of the cart [m/s]; 0 without a cart."""
     theta: FloatArray
     """Angles from the downward vertical, not wrapped [rad], shape (n,) or (B, n)."""
     omega: FloatArray
@@ -80,6 +84,8 @@ class Mode:
         Whether the episode also terminates where a rod leans by more than the keyword `max_tilt`.
     spread : float
         Default width of the random starts [rad]; near an equilibrium also of velocities [rad/s].
+    rail_weight : float
+        By what share the reward is smaller where a cart is at an end of its rail.
     """
 
     name: ClassVar[str] = "custom"
@@ -90,6 +96,7 @@ class Mode:
     measures_periods: ClassVar[bool] = False
     limits_tilt: ClassVar[bool] = False
     spread: ClassVar[float] = 0.017
+    rail_weight: ClassVar[float] = 0.5
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value!r}" for name, value in vars(self).items())
@@ -144,16 +151,20 @@ class NearPose(Mode):
     ----------
     pose : float
         Angle of all rods there [rad].
+    other_spread : float
+        Width of the starting velocities and of the place of a cart, over `spread`.
     """
 
     pose: ClassVar[float]
+    other_spread: ClassVar[float] = 1.0
 
     def start(
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
     ) -> tuple[FloatArray, FloatArray]:
         """Start with angles and angular velocities within `spread` of the equilibrium at rest."""
         del amplitude
-        return self.pose + rng.uniform(-spread, spread, n), rng.uniform(-spread, spread, n)
+        angles, velocities = rng.uniform(-spread, spread, (2, n))
+        return self.pose + angles, self.other_spread * velocities
 
 
 class Passive(Release):

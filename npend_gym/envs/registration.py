@@ -23,12 +23,24 @@ class Task(NamedTuple):
     Over 100 episodes each, the best policy or controller of the package lies above it, by less than
     a tenth. The mean return of random actions lies below a quarter of it.
     """
+    max_episode_steps: int = MAX_EPISODE_STEPS
 
 
 # On the cart of the chain, or on one of the mass of a chain that has none
 _ON_CART = {"mode": "balance", "observation": "scaled", "base": "cart", "max_force": 10.0}
 _OF_DM_CONTROL = _ON_CART | {"rail": 1.8, "max_tilt": math.radians(36)}
 _OF_GYMNASIUM = _ON_CART | {"rail": 2.4, "max_tilt": math.radians(12)}
+# Those of other packages; see `envs/benchmarks.py`
+_DM_ACROBOT = {
+    "mode": "npend_gym.envs.benchmarks:DMAcrobot", "chain": "dm_control acrobot",
+    "actuated": [1], "max_torque": 2.0, "substeps": 1, "observation": "sincos",
+}  # fmt: skip
+_OF_PUFFERLIB = {
+    "mode": "npend_gym.envs.benchmarks:PufferDoublePendulum",
+    "chain": {"masses": [0.1, 0.1], "lengths": [0.5, 0.5], "gravity": 9.8},
+    "base": "cart", "cart_mass": 1.0, "rail": 5.0, "max_force": 10.0, "torque_levels": 3,
+    "observation": "scaled",
+}  # fmt: skip
 
 # Each page docs/tasks/*.md describes one of them
 TASKS = {
@@ -40,6 +52,8 @@ TASKS = {
     "npend/CartPole-v1": Task(_OF_GYMNASIUM | {"chain": "cartpole"}, 990.0),
     "npend/CartDoublePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 2"}, 990.0),
     "npend/CartTriplePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 3"}, 950.0),
+    "npend/DMAcrobot-v1": Task(_DM_ACROBOT),
+    "npend/PufferDoublePendulum-v1": Task(_OF_PUFFERLIB, max_episode_steps=600),
 }
 
 
@@ -51,7 +65,7 @@ def register_envs() -> None:
                 id=env_id,
                 entry_point="npend_gym:NPendulumEnv",
                 vector_entry_point="npend_gym:NPendulumVectorEnv",
-                max_episode_steps=MAX_EPISODE_STEPS,
+                max_episode_steps=task.max_episode_steps,
                 reward_threshold=task.reward_threshold,
                 kwargs=dict(task.keywords),
             )

@@ -93,6 +93,7 @@ class TaskFields(NamedTuple):
     OBSERVES: int = 12  # 1: nothing moves; the call observes, in groups with a lane to be OBSERVED
     DRIVEN: int = 13  # 1: motors that are not ideal have set the torques
     SENSED: int = 14  # 1: sensors that are not ideal observe afterwards
+    RAIL_WEIGHT: int = 15  # by what share the reward is smaller at an end of the rail
 
 
 Task: TaskFields = TaskFields()

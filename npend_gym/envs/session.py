@@ -37,7 +37,7 @@ from npend_gym.envs.snapshots import States
 # Keywords that leave a task as hard as it is, or are in `chain` and `max_torque`
 _OF_NO_TASK = {
     *CHAIN_KEYWORDS, "n", "difficulty", "observation", "observe_velocities", "observe_context",
-    "goal_env", "torque_levels", "measure_periods", "render_size", "render_plain",
+    "goal_env", "measure_periods", "render_size", "render_plain",
 }  # fmt: skip
 
 
@@ -69,7 +69,8 @@ class PlainSpec:
         if spec is not None:
             spec = copy.copy(spec)
             spec.kwargs = plain_keywords(spec.kwargs)
-            if spec.id in TASKS and _task_of(env.config) != _task_of(_usual(spec.id)):
+            shorter = spec.max_episode_steps != registration.registry[spec.id].max_episode_steps
+            if spec.id in TASKS and (shorter or _task_of(env.config) != _task_of(_usual(spec.id))):
                 spec.reward_threshold = None
         vars(env)["spec"] = spec
 

@@ -35,6 +35,7 @@ class StartFields(NamedTuple):
     POSE: int = 1  # rad
     SPREAD: int = 2  # rad, and near an equilibrium rad/s
     GOALS: int = 3  # 1: it is near an equilibrium that is drawn, and so is a goal
+    OTHERS: int = 4  # near an equilibrium: width of velocities and of a cart's place over SPREAD
 
 
 Start: StartFields = StartFields()
@@ -134,7 +135,7 @@ def _draw_state(
             words = philox(keys[0, k], keys[1, k], j // 4, 0, Purpose.START, episode)
         drawn = -near + (near + near) * unit(words[j % 4])
         if j >= n:
-            rows[Rod.OMEGA, (j - n) * width + lane] = drawn
+            rows[Rod.OMEGA, (j - n) * width + lane] = start[Start.OTHERS] * drawn
             continue
         pose = start[Start.POSE]
         if start[Start.GOALS] > 0.0 and rows[Pose.START, j * width + lane] < 0.0:
@@ -160,7 +161,9 @@ def _cart(
         return
     model[BASE_AT][g, Base.INVERSE_MASS, lane] = 1.0 / members[Setting.cart_mass, k]
     model[BASE_AT][g, Base.DAMPING, lane] = members[Setting.rail_damping, k]
-    near = start[Start.SPREAD] if start[Start.KIND] == NEAR_POSE else 0.0
+    near = 0.0
+    if start[Start.KIND] == NEAR_POSE:
+        near = start[Start.OTHERS] * start[Start.SPREAD]
     for row, field in enumerate((Rod.THETA, Rod.OMEGA)):
         u = _stream(keys, k, Purpose.START, members[Episode.EPISODE, k], 2 * (last // width) + row)
         rods[g, field, last + lane] = -near + (near + near) * u
@@ -302,5 +305,6 @@ def start_plan(mode: Mode, spread: float) -> FloatArray:
     if start is Release.start:
         plan[Start.KIND] = RELEASE
     elif isinstance(mode, NearPose) and start is NearPose.start:
-        plan[[Start.KIND, Start.POSE]] = NEAR_POSE, mode.pose
+        own = Start.KIND, Start.POSE, Start.OTHERS
+        plan[[*own]] = NEAR_POSE, mode.pose, mode.other_spread
     return plan

@@ -173,9 +173,10 @@ def _quantities(
         away, weights = (state.cos - lanes.goals).abs(), lanes.lift.abs()
         closeness = 1.0 - 0.5 * (weights * away).sum(-1) / weights.sum(-1)
         distance = away.amax(-1)
+    tip, reach = ((lanes.tip_weights * each).sum(-1) for each in (state.cos, state.sines[0]))
     return Quantities(
         height=state.lift * lanes.height_per_lift,
-        tip=(lanes.tip_weights * state.cos).sum(-1),
+        tip=tip,
         energy=state.energy / lanes.lifting_energy,
         kinetic_energy=state.kinetic_energy / lanes.lifting_energy,
         energy_fraction=state.energy / start_energy,
@@ -184,6 +185,8 @@ def _quantities(
         goal_distance=distance,
         rail_position=none if rail is None else state.place[..., 0] / rail,
         uprightness=-state.cos.amax(-1),
+        tip_distance=torch.hypot(reach, 1.0 - tip),
+        cart_velocity=none if rail is None else state.velocity[..., 0],
         theta=cast("Any", state.theta),
         omega=cast("Any", state.omega),
     )
