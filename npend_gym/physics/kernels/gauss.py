@@ -155,13 +155,13 @@ def gauss_step(
             rates = rows[3 * s][:m]
             loads = loads_at(t + method.instants[s + 1] * h, x, rates, torque, chain, s + 1)
             canonical(x, rates, loads, chain, None, sweep, rows[3 * s + 1], rows[3 * s + 2])
+        if not any_of(going > 0.0):  # F is that of the last U, also in lanes that waited
+            break
         size, largest = improve(h, p, going, work, chain, method, work, m)
         over = (size <= LEAST * largest) | ((size >= last) & (size <= ROUNDING * largest))
         over = over | (size - size != 0.0)
         going = where(over, 0.0, going)
         last = size
-        if not any_of(going > 0.0):
-            break
     size = where(going > 0.0, 1e300, size)
     q_end, u_end = reached[:m], reached[m:]
     weighted(ends, h, rows, 0, q, q_end)
