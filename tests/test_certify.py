@@ -11,6 +11,7 @@ from certify import derivatives, jax_runners, oracle, runners
 from certify.cases import DEFINED, FORMAT, TIMES, Case, read
 from certify.equations import accelerations, energy, solve, system
 from lagrangian import accelerations_of_chain
+from suites import chaos
 
 CASES = {case.name: case for case in read()}
 EPS = np.finfo(float).eps
@@ -177,6 +178,18 @@ def test_scipy_meets_the_references_on_the_dense_equations():
         if case.name not in ("stiff", "long"):
             played = runners.play(runners.ENGINES["SciPy DOP853"], case, 1e-3)
             assert runners.errors(case, played)[0] < 1e-9
+
+
+def test_heyoka_starts_nowhere_at_rest_with_level_rods():
+    """Its first step is wrong from there, without a word, at the tolerances of float64."""
+    starts = {name: case.start[:, : case.n] for name, case in CASES.items()}
+    rng = np.random.default_rng(0)
+    starts["ensembles"] = np.stack([rng.uniform(-3.0, 3.0, (10_000, 2)), np.zeros((10_000, 2))])
+    starts["accuracy"] = np.array([[np.pi / 4], [0.0]])
+    starts["chaos"] = np.array([[chaos.ANGLE], [0.0]])
+    for name, (theta, omega) in starts.items():
+        level = np.all(abs(np.cos(theta)) < 1e-6, axis=-1) & np.all(omega == 0.0, axis=-1)
+        assert not np.any(level), name
 
 
 @pytest.mark.long
