@@ -6,14 +6,14 @@ and sensors as ``numbers[Setting.motor_lag, g]``, whatever these numbers are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from types import CodeType, FunctionType
+from collections.abc import Callable, Mapping
+from types import FunctionType
 from typing import Any, TypeVar
 
 from npend_gym.compiled.jit import inlined_kernel
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-_CODES: list[CodeType] = []
+LAWS: dict[str, Callable[..., Any]] = {}  # by name
 
 
 def law(function: _F) -> _F:
@@ -21,7 +21,7 @@ def law(function: _F) -> _F:
 
     So do kernels for what tensors take from them as it is, such as random numbers.
     """
-    _CODES.append(function.__code__)  # type: ignore[attr-defined]
+    LAWS[function.__name__] = function
     return inlined_kernel(function)
 
 
@@ -32,17 +32,14 @@ def of_kind(function: Any, kind: Mapping[str, Any] | None = None) -> Callable[..
     """
     plain = getattr(function, "py_func", function)
     names, kind = plain.__globals__, kind or {}
-    called = {name: names[name] for name in plain.__code__.co_names if name in names}
     parts = {
-        name: of_kind(each, kind)
-        for name, each in called.items()
-        if name not in kind
-        and (hasattr(each, "py_func") or getattr(each, "__code__", None) in _CODES)
+        name: of_kind(names[name], kind)
+        for name in plain.__code__.co_names
+        if name not in kind and (name in LAWS or hasattr(names.get(name), "py_func"))
     }
     return FunctionType(plain.__code__, {**names, **parts, **kind}, plain.__name__)
 
 
-def names_in_laws() -> Iterator[str]:
-    """Yield all names that laws read, of settings among them."""
-    for code in _CODES:
-        yield from code.co_names
+def names_in_laws() -> set[str]:
+    """Return all names that laws read, of settings among them."""
+    return {name for each in LAWS.values() for name in each.__code__.co_names}  # type: ignore[attr-defined]

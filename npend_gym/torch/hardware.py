@@ -15,19 +15,7 @@ from torch import Tensor
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.torch.judging import Lanes, State
-from npend_gym.torch.laws import (
-    ALL,
-    age_shown,
-    exerted,
-    exerted_on_cart,
-    followed,
-    interpolate,
-    lag_response,
-    older_share,
-    reading,
-    ripple,
-    rounds,
-)
+from npend_gym.torch.laws import ALL, laws
 
 
 def begun(mask: Tensor, start: Tensor, kept: Tensor) -> Tensor:
@@ -111,19 +99,21 @@ class TensorMotors:
             return loads.index_copy(1, self._places, lanes.limits * self._newer)
         n, h, largest = self.config.n, self.config.dt / self.pieces, self.config.largest
         of_lanes, older, newer = (lanes.numbers, ALL), self._older, self._newer
-        share = older_share(*of_lanes, piece, self.pieces)
+        share = laws.older_share(*of_lanes, piece, self.pieces)
         action = share * older + (1.0 - share) * newer
         if largest["motor_lag"] > 0.0:
-            response = lag_response(*of_lanes, share, h)
-            action, self._lagged = followed(*of_lanes, response, older, newer, self._lagged, action)
+            response = laws.lag_response(*of_lanes, share, h)
+            action, self._lagged = laws.followed(
+                *of_lanes, response, older, newer, self._lagged, action
+            )
         half = q[:, :n] + 0.5 * h * u[:, :n]
-        torque = exerted(*of_lanes, action, self._noise)
+        torque = laws.exerted(*of_lanes, action, self._noise)
         if largest["torque_ripple"] > 0.0:
             phi = torch.diff(half, dim=1, prepend=torch.zeros_like(half[:, :1]))
-            torque = torque + ripple(*of_lanes, phi[:, self._places.clamp(max=n - 1)])
+            torque = torque + laws.ripple(*of_lanes, phi[:, self._places.clamp(max=n - 1)])
         if self.config.has_cart:
             on_joint = self._places < n
-            torque = torch.where(on_joint, torque, exerted_on_cart(*of_lanes, action))
+            torque = torch.where(on_joint, torque, laws.exerted_on_cart(*of_lanes, action))
         loads = loads.index_copy(1, self._places, torque)
         if largest["push_rate"] == 0.0:
             return loads
@@ -163,15 +153,17 @@ class TensorSensors:
             return state
         numbers, n, q, u = state.lanes.numbers, state.n, state.q, state.u
         if self._delays:
-            delay = age_shown(numbers, ALL, age.double()[:, None])[:, 0]
+            delay = laws.age_shown(numbers, ALL, age.double()[:, None])[:, 0]
             older, newer, fraction = self._past.around(delay)
             before, (q, u) = older.chunk(2, dim=1), newer.chunk(2, dim=1)
-            between, late = interpolate(before, (q, u), fraction, self._dt), fraction > 0.0
+            between, late = laws.interpolate(before, (q, u), fraction, self._dt), fraction > 0.0
             q, u = torch.where(late, between[0], q), torch.where(late, between[1], u)
         noise: Any = 0.0, 0.0
         if self._noisy:
             noise = [torch.from_numpy(x) for x in self._sensors.noise(self._keys, age.numpy())]
-        angle, speed = reading(numbers, ALL, q[:, :n], u[:, :n], noise, rounds(numbers, ALL))
+        angle, speed = laws.reading(
+            numbers, ALL, q[:, :n], u[:, :n], noise, laws.rounds(numbers, ALL)
+        )
         q, u = torch.cat([angle, q[:, n:]], dim=1), torch.cat([speed, u[:, n:]], dim=1)
         return State(q, u, state.lanes)
 

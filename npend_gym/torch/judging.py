@@ -20,7 +20,7 @@ from npend_gym.envs.goals import MAX_KINETIC_ENERGY
 from npend_gym.envs.outputs import EpisodeStarts
 from npend_gym.envs.rows import Setting
 from npend_gym.physics.energy import kinetic_from, kinetic_on_cart, lift_from
-from npend_gym.torch.laws import angle_entry, cart_entries, exact_sincos, ruled, speed_entry
+from npend_gym.torch.laws import exact_sincos, laws
 
 
 class Lanes(NamedTuple):
@@ -160,7 +160,7 @@ def judge(
     sparse = config.reward_type == "sparse"
     reward = 0.0 if sparse else torch.as_tensor(returned_by(mode, "reward", judged)).expand(shape)
     place, uprightness = judged.rail_position, judged.uprightness
-    return ruled(state.lanes.task, place, uprightness, reward, failed, achieved)  # pyright: ignore[reportReturnType]
+    return laws.ruled(state.lanes.task, place, uprightness, reward, failed, achieved)  # pyright: ignore[reportReturnType]
 
 
 def _quantities(
@@ -196,12 +196,12 @@ def observe(config: EnvConfig, state: State) -> Tensor:
     """Return the observations of an environment, (..., numbers)."""
     lanes = state.lanes
     if config.with_sines:
-        parts = [*state.sines, speed_entry(state.omega, lanes.per_speed, lanes.task)]
+        parts = [*state.sines, laws.speed_entry(state.omega, lanes.per_speed, lanes.task)]
     else:
-        parts = [angle_entry(state.theta), state.omega]
+        parts = [laws.angle_entry(state.theta), state.omega]
     of_cart: Sequence[Tensor] = ()
     if config.has_cart:
-        of_cart = cart_entries(state.place, state.velocity, lanes.task)
+        of_cart = laws.cart_entries(state.place, state.velocity, lanes.task)
     if not config.observe_velocities:
         parts, of_cart = parts[:-1], of_cart[:1]
     parts += of_cart

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from npend_gym.envs import motors, observing, sensors
-from npend_gym.envs.kernels import ruled as _ruled
-from npend_gym.envs.laws import of_kind
+from npend_gym.envs import episodes  # noqa: F401  it imports the modules with laws
+from npend_gym.envs.laws import LAWS, of_kind
 from npend_gym.torch.autograd import SinCos, applied
 
 ALL = slice(None)  # sub-environments, of the numbers that laws read
@@ -57,17 +57,5 @@ _TENSORS: dict[str, Callable[..., Any]] = {
     "one_minus_exp": _one_minus_exp,
 }
 
-angle_entry, speed_entry, cart_entries, older_share, lag_response, followed = (
-    of_kind(each, _TENSORS)
-    for each in (
-        observing.angle_entry, observing.speed_entry, observing.cart_entries,
-        motors.older_share, motors.lag_response, motors.followed,
-    )
-)  # fmt: skip
-exerted, exerted_on_cart, ripple, age_shown, interpolate, rounds, reading, ruled = (
-    of_kind(each, _TENSORS)
-    for each in (
-        motors.exerted, motors.exerted_on_cart, motors.ripple,
-        sensors.age_shown, sensors.interpolate, sensors.rounds, sensors.reading, _ruled,
-    )
-)  # fmt: skip
+# All laws by their names
+laws = SimpleNamespace(**{name: of_kind(each, _TENSORS) for name, each in LAWS.items()})
