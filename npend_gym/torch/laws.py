@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from npend_gym.envs import episodes  # noqa: F401  it imports the modules with laws
+from npend_gym.envs import episodes  # noqa: F401  # pyright: ignore[reportUnusedImport]
 from npend_gym.envs.laws import LAWS, of_kind
 from npend_gym.torch.autograd import SinCos, applied
 
@@ -57,5 +57,5 @@ _TENSORS: dict[str, Callable[..., Any]] = {
     "one_minus_exp": _one_minus_exp,
 }
 
-# All laws by their names
+# All laws by their names; `episodes` imports the modules that have them
 laws = SimpleNamespace(**{name: of_kind(each, _TENSORS) for name, each in LAWS.items()})
