@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import npend_gym  # noqa: F401 - registers the environments
+from npend_gym.envs import SwingUp
 
 ENV_ID = "npend/DMAcrobot-v1"
 # From an observation of ours to theirs, whose angles count from upright, clockwise
@@ -107,3 +107,29 @@ def test_tensors_have_the_same_rewards_and_their_gradient():
         total.append(plain.step(np.full((5, 1), 0.4 + sign * moved))[1])
     slopes = (total[0] - total[1]) / (2.0 * moved)
     np.testing.assert_allclose(action.grad[:, 0], slopes, rtol=1e-4, atol=1e-9)
+
+
+class Judged(SwingUp):
+    """Rewards the quantities that the tasks of other packages need."""
+
+    rail_weight = 0.0
+
+    def reward(self, quantities):
+        return quantities.tip_distance + 10.0 * quantities.cart_velocity
+
+
+@pytest.mark.parametrize("base", ["pivot", "cart"])
+@pytest.mark.parametrize("kind", ["points", "links"])
+def test_the_distance_of_the_tip_and_the_velocity_of_a_cart_are_those_of_any_chain(base, kind):
+    lengths = np.array([1.0, 0.4, 0.7])
+    links = {"inertias": 0.1, "centres": 0.5 * lengths, "armature": 0.01} if kind == "links" else {}
+    keywords = {"lengths": lengths, "randomize": {"lengths": [0.8, 1.2]}, "base": base, **links}
+    envs = gym.make_vec("NPendulum-v0", num_envs=20, mode=Judged(), spread=2.0, **keywords)
+    _, info = envs.reset(seed=0)
+    drawn = info["context"]
+    for _ in range(3):
+        _, reward, *_, info = envs.step(envs.action_space.sample())
+        tip = np.exp(1j * info["theta"])
+        away = abs((drawn * tip).sum(axis=1) + drawn.sum(axis=1)) / drawn.sum(axis=1)
+        velocity = info["cart_velocity"] if base == "cart" else 0.0
+        np.testing.assert_allclose(reward, away + 10.0 * velocity, rtol=1e-12)

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym.envs.benchmarks import steps_held
+from npend_gym.envs import steps_held
 
 ENV_ID = "npend/PufferDoublePendulum-v1"
 PUSHES = np.array([0, 1, 2, 2])

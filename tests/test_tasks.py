@@ -106,7 +106,7 @@ def test_the_threshold_of_a_task_is_left_out_where_keywords_make_another_task(ma
     assert {threshold(**keywords) for keywords in same} == {900.0}
     others = (
         {"n": 1}, {"difficulty": "medium"}, {"reward_type": "sparse"}, {"dt": 0.02},
-        {"masses": [1.0, 2.0]}, {"angle_noise": 0.01}, {"mode": "balance"},
+        {"masses": [1.0, 2.0]}, {"angle_noise": 0.01}, {"mode": "balance"}, {"torque_levels": 3},
         {"randomize": {"masses": [0.9, 1.1]}},
     )  # fmt: skip
     assert {threshold(**keywords) for keywords in others} == {None}

@@ -1,3 +1,6 @@
+from npend_gym.envs.benchmarks import DMAcrobot as DMAcrobot
+from npend_gym.envs.benchmarks import PufferDoublePendulum as PufferDoublePendulum
+from npend_gym.envs.benchmarks import steps_held as steps_held
 from npend_gym.envs.config import EnvConfig as EnvConfig
 from npend_gym.envs.info import Info as Info
 from npend_gym.envs.keywords import EnvKeywords as EnvKeywords

@@ -119,7 +119,7 @@ def _measure(
     The energy of sub-environments that start becomes that of the start.
     """
     s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
-    kinetic, lift, tip_height = energies(
+    kinetic, lift, tip = energies(
         group.omega, group.carried, group.mass, group.velocity, group.chain, s, c
     )
     n = group.velocity.size
@@ -143,8 +143,9 @@ def _measure(
     for i in range(1, n):
         upright = where(-c[i] < upright, -c[i], upright)
         reach = reach + rows[Rod.LENGTH][i] * s[i]
-    tip, reach = tip_height * numbers[Episode.PER_LENGTH, g], reach * numbers[Episode.PER_LENGTH, g]
-    away = math.sqrt(reach * reach + (1.0 - tip) * (1.0 - tip))
+    per_length = numbers[Episode.PER_LENGTH, g]
+    high, reach = tip * per_length, reach * per_length
+    away = math.sqrt(reach * reach + (1.0 - high) * (1.0 - high))
     if task[Task.RAIL] > 0.0:
         outputs[Output.CART_POSITION, g] = group.theta[n]
         outputs[Output.CART_VELOCITY, g] = group.omega[n]
@@ -152,7 +153,7 @@ def _measure(
     if task[Task.GOALS] > 0.0:
         closeness, distance = _approach(rows[Pose.GOAL], g, group, c, outputs)
     quantities = Quantities(
-        lift * numbers[Episode.PER_LIFT, g], tip,
+        lift * numbers[Episode.PER_LIFT, g], high,
         energy * per_energy, kinetic * per_energy,
         where(start > 0.0, share, energy * per_energy), squares, closeness, distance,
         place, upright, away, pace, group.theta, group.omega,
@@ -164,7 +165,7 @@ def _measure(
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
     outputs[Output.ENERGY, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
-    outputs[Output.TIP_HEIGHT, g] = tip_height
+    outputs[Output.TIP_HEIGHT, g] = tip
     flags[Flag.DIVERGED, g] = numbers[Member.DIVERGED, g] > 0.0
     return quantities
 

@@ -69,8 +69,7 @@ class PlainSpec:
         if spec is not None:
             spec = copy.copy(spec)
             spec.kwargs = plain_keywords(spec.kwargs)
-            shorter = spec.max_episode_steps != registration.registry[spec.id].max_episode_steps
-            if spec.id in TASKS and (shorter or _task_of(env.config) != _task_of(_usual(spec.id))):
+            if spec.id in TASKS and _task_of(env.config) != _task_of(_usual(spec.id)):
                 spec.reward_threshold = None
         vars(env)["spec"] = spec
 
