@@ -56,7 +56,7 @@ class Pair(NamedTuple):
 
     @property
     def evaluations(self) -> tuple[int, int, int]:
-        """How often a step that is taken, one that is not, and dense output evaluate the equations."""
+        """Evaluations of the equations in a step, in one that is tried in vain, in dense output."""
         early = self.errors.shape[1] > self.stages
         return self.stages, self.stages - (not early), len(self.tableau) - self.stages - 1
 
