@@ -179,7 +179,7 @@ def _of_chain(
     experiment = ReleaseExperiment(trials=1, definition=definition, **numbers, **described)
     chain = experiment.chain_of(experiment.n_values[0])
     seconds = _SECONDS if duration is None else duration
-    options = {"definition": definition, "method": method, "dt": dt}
+    options: dict[str, Any] = {"definition": definition, "method": method, "dt": dt}
     return partial(record_simulation, chain, angles, omega, seconds, **options)
 
 
