@@ -7,7 +7,7 @@ set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
-"$folder/venv/bin/pip" install -q gymnasium==1.4.0 mujoco==4.0.0 imageio==2.38.1
+"$folder/venv/bin/pip" install -q gymnasium==1.4.0 mujoco==4.0.0 imageio==2.38.1 packaging==26.3
 "$folder/venv/bin/python" - <<'PYTHON'
 import gymnasium as gym
 import numpy as np

@@ -146,7 +146,7 @@ def test_a_robot_in_sdf_has_the_numbers_of_urdf():
         }[tag]
         assert found == [*map(float, expected)]
     joints = [(each.find("parent").text, each.find("child").text) for each in model.iter("joint")]
-    assert joints == [("world", "base-link"), ("base-link", "cart-link"),
+    assert joints == [("world", "world-link"), ("world-link", "cart-link"),
                       ("cart-link", "link0-link"), ("link0-link", "link1-link")]  # fmt: skip
     poses = [each.findtext("pose") for each in model.findall("joint")]
     assert poses[1:] == ["0.0 0.0 0.0 0 0 0", "0.0 0.0 0.0 0 0 0", "0.0 0.0 -1.0 0 0 0"]
