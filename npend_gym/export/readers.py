@@ -48,10 +48,10 @@ MENDS: dict[tuple[str, str, str], str] = {
     ("sapien", "urdf", "any"): "physx.set_scene_config(gravity=[0, 0, -g]) before the scene; "
     "link.linear_damping = link.angular_damping = 0; joint.set_friction(0), or it is 0.05",
     ("sapien", "urdf", "damping"): "joint.set_drive_properties(0, damping)",
-    ("sapien", "urdf", "friction"): "no line: friction is a coefficient there",
+    ("sapien", "urdf", "friction"): "no line: set_friction brakes otherwise",
     ("brax", "mjcf", "any"): "text.replace('integrator=\"RK4\"', 'integrator=\"Euler\"')",
     ("brax", "mjcf", "friction"): "no line: brax has no friction of joints",
-    ("brax", "mjcf", "springs"): "no line: the order of hinge and slide differs",
+    ("brax", "mjcf", "springs"): "no line: rods that stretch move otherwise",
     ("roboticstoolbox", "urdf", "any"): "text.replace('0 -1 0', '0 1 0'), with angles of opposite "
     "sign, as torques about negative axes have the wrong one",
     ("roboticstoolbox", "urdf", "gravity"): "robot.gravity = [0, 0, -g]",
