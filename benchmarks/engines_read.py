@@ -21,10 +21,9 @@ from csv_tables import merged_rows
 from readers.engines import READERS, Accelerations
 
 from npend_gym import Cart, Chain
-from npend_gym._checks import FloatArray
-from npend_gym.cli.common import OK, Parser, dispatch, show_written
 from npend_gym.physics import accelerations
 from npend_gym.report import prepare_folder, write_csv
+from npend_gym.tools import OK, FloatArray, Parser, dispatch, show_written
 
 STATES = 20
 FIELDS = ("engine", "version", "format", "property", "as_it_is", "error", "mended", "error_mended")

@@ -27,9 +27,8 @@ from certify.runners import chain_of, from_joints, to_joints
 from matplotlib.figure import Figure
 
 from npend_gym import simulate
-from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE, PINK, SKY
-from npend_gym._provenance import machine
 from npend_gym.report import panels, styled, write_csv
+from npend_gym.tools import AMBER, BLACK, BLUE, GREEN, ORANGE, PINK, SKY, machine
 
 Row = dict[str, Any]
 Play = Callable[[np.ndarray], np.ndarray]  # from instants to states (T, 2, n)

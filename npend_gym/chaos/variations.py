@@ -13,8 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
-from npend_gym.physics.arguments import check_settings
-from npend_gym.physics.integration import check_times
+from npend_gym.physics.integration import check_settings, check_times
 from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.motion import Motion
 from npend_gym.physics.recipe import described

@@ -38,6 +38,7 @@ from npend_gym.envs.snapshots import States
 _OF_NO_TASK = {
     *CHAIN_KEYWORDS, "n", "difficulty", "observation", "observe_velocities", "observe_context",
     "goal_env", "measure_periods", "render_size", "render_plain",
+    "motors", "sensors", "cart",  # whose settings are keywords too
 }  # fmt: skip
 
 

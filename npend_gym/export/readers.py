@@ -63,7 +63,7 @@ _READ_MJCF_ONLY = "mjx", "mujoco_warp", "brax"
 
 
 def advice(engine: str, to: str, chain: Chain) -> list[str]:
-    """Return what a user of an engine must know of a chain's file, a sentence for each property.
+    """Sentences on what an engine loses of a chain's file, one for each property.
 
     Parameters
     ----------

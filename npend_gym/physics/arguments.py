@@ -17,7 +17,6 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.methods import METHODS
 from npend_gym.physics.mechanism import Mechanism, mechanism_of
 
 MIN_RTOL = 1e-14
@@ -190,36 +189,7 @@ def check_rtol(rtol: float) -> float:
     return rtol
 
 
-def check_settings(method: str, rtol: float, atol: float, dt: float | None) -> dict[str, float]:
-    """Return those of the settings that `method` takes."""
-    if not METHODS[_checks.choice("method", method, (*METHODS,))].adaptive:
-        if dt is None:
-            raise ValueError(
-                f'dt must be given with method "{method}": the longest step in seconds'
-            )
-        return {"dt": _checks.positive_number("dt", dt)}
-    longest = {} if dt is None else {"dt": _checks.positive_number("dt", dt)}
-    return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol), **longest}
-
-
 def loses_energy(chain: Chain) -> bool:
     """Return whether damping, drag or dry friction takes energy from the chain."""
     resists = np.any(chain.damping) or np.any(chain.friction) or np.any(chain.axial_damping)
     return chain.has_drag or bool(resists) or (chain.base is not None and chain.base.damping > 0.0)
-
-
-def check_method(method: str, chains: Sequence[Chain], accelerated: object) -> None:
-    """Refuse chains and a pivot's acceleration for which a method is not made."""
-    if not METHODS[method].conservative:
-        return
-    for chain in chains:
-        if loses_energy(chain):
-            raise ValueError(
-                f'damping, friction and drag must be zero with method "{method}", which is for '
-                f'chains that keep their energy, got {chain!r}: use method "dop853"'
-            )
-    if accelerated is not None:
-        raise ValueError(
-            f'pivot_acceleration must be None with method "{method}", which is for a pivot at '
-            'rest or a cart: use method "dop853"'
-        )

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.arguments import check_rtol, loses_energy
 from npend_gym.physics.kernels.link_terms import SpringArrays
+from npend_gym.physics.kernels.methods import METHODS
 from npend_gym.physics.kernels.solver import STUCK, Problem, Solver
 
 MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
@@ -93,4 +98,33 @@ def check_angles(theta: FloatArray, time: float) -> None:
             f"a rod has turned by more than {MAX_ANGLE:g} rad soon after t = {time:g} s: "
             "where a torque drives it faster and faster, check the sign of its feedback; a motion "
             "that is right continues in segments, each begun with the last angles less whole turns"
+        )
+
+
+def check_settings(method: str, rtol: float, atol: float, dt: float | None) -> dict[str, float]:
+    """Return those of the settings that `method` takes."""
+    if not METHODS[_checks.choice("method", method, (*METHODS,))].adaptive:
+        if dt is None:
+            raise ValueError(
+                f'dt must be given with method "{method}": the longest step in seconds'
+            )
+        return {"dt": _checks.positive_number("dt", dt)}
+    longest = {} if dt is None else {"dt": _checks.positive_number("dt", dt)}
+    return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol), **longest}
+
+
+def check_method(method: str, chains: Sequence[Chain], accelerated: object) -> None:
+    """Refuse chains and a pivot's acceleration for which a method is not made."""
+    if not METHODS[method].conservative:
+        return
+    for chain in chains:
+        if loses_energy(chain):
+            raise ValueError(
+                f'damping, friction and drag must be zero with method "{method}", which is for '
+                f'chains that keep their energy, got {chain!r}: use method "dop853"'
+            )
+    if accelerated is not None:
+        raise ValueError(
+            f'pivot_acceleration must be None with method "{method}", which is for a pivot at '
+            'rest or a cart: use method "dop853"'
         )

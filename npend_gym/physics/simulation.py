@@ -13,9 +13,8 @@ from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym._threads import Call, check_threads, share_out
 from npend_gym.chain import Chain, check_chain
-from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.events import Event, EventFunction, watched
-from npend_gym.physics.integration import IntegrationError, check_times, count_steps
+from npend_gym.physics.integration import IntegrationError, check_settings, check_times, count_steps
 from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism, first_of
 from npend_gym.physics.motion import packs_of
 from npend_gym.physics.signals import TimeVarying

@@ -10,9 +10,10 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.callbacks import Callback
-from npend_gym.physics.arguments import check_limits, check_method, check_states, check_torque
+from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.equations import States, assembled, slow_start
 from npend_gym.physics.functions import NAMES
+from npend_gym.physics.integration import check_method
 from npend_gym.physics.mechanism import check_lengths, mechanism_of
 from npend_gym.physics.motion import Motion, pack_of
 from npend_gym.physics.recipe import AT_REST, Function, Recipe, described, drives_of, motion_of

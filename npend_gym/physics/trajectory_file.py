@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.functions import NAMES
-from npend_gym.physics.integration import MAX_BYTES, check_times
+from npend_gym.physics.integration import MAX_BYTES, check_settings, check_times
 from npend_gym.physics.mechanism import AXIAL, PIVOT, mechanism_of
 from npend_gym.physics.recipe import Function, Recipe
 from npend_gym.physics.signals import Signal

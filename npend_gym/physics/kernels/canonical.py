@@ -104,7 +104,7 @@ def _got_parts(change: Change, row: FloatArray, more: FloatArray, i: int) -> Any
 
 @chosen_by_type("change", {0: _got, Change: _got_parts})
 def _kept(change: Change | None, row: FloatArray, more: FloatArray, i: int) -> Any:
-    """Return what `_keep` kept."""
+    """The number that `_keep` kept."""
     raise NotImplementedError
 
 

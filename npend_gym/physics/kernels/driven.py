@@ -157,7 +157,7 @@ def _listed_loads(
 def loads_at(
     t: float, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays, s: int
 ) -> FloatArray:
-    """Return what acts at the instant `t`, which is that of stage `s` of a step."""
+    """Loads at the instant `t` of stage `s` of a step."""
     raise NotImplementedError
 
 

@@ -70,7 +70,7 @@ class Gauss(NamedTuple):
         return 2, 5, STAGES + 3 * len(self.ends)
 
     def weights(self, x: FloatArray) -> FloatArray:
-        """Return what `carry_gauss` needs at fractions `x` (F,) of a step: these, (F, 1)."""
+        """Fractions `x` (F,) of a step as `carry_gauss` takes them, (F, 1)."""
         return x[:, None]
 
 
