@@ -165,15 +165,15 @@ def drawn(rows: list[Row]) -> Figure:
         found = [row for row in own if row["suite"] == "drift" and row["n"] == 1]
         if found:
             errors = np.maximum.accumulate(np.abs([row["error"] for row in found]))
-            left.plot([row["periods"] for row in found], errors, color=color, label=method)
+            left.plot([row["periods"] for row in found], errors, color=color)
         points = [row for row in own if row["suite"] == "precision" and row["n"] == 2]
         right.plot([row["seconds"] for row in points], [row["error"] for row in points], "o-",
-                   color=color, markersize=3)  # fmt: skip
+                   color=color, markersize=3, label=method)  # fmt: skip
     left.set(xscale="log", yscale="log", xlabel="periods", ylabel="largest error of the energy",
              title="one bob, from 1 rad", ylim=(1e-16, 10.0))  # fmt: skip
     right.set(xscale="log", yscale="log", xlabel="processor time [s]", ylabel="error [rad]",
               title="two bobs, 100 s", ylim=(1e-14, 10.0))  # fmt: skip
-    figure.legend(*left.get_legend_handles_labels(), loc="outside right center", fontsize=7)
+    figure.legend(*right.get_legend_handles_labels(), loc="outside right center", fontsize=7)
     return figure
 
 
