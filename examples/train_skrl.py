@@ -20,7 +20,7 @@ import npend_gym  # noqa: F401 - registers the environments
 from npend_gym.rl import evaluate
 
 TASK = {"id": "npend/Calm-v1", "n": 1}
-LANES = 32
+ENVS = 32
 NETWORK = [{"name": "net", "input": "OBSERVATIONS", "layers": [64, 64], "activations": "tanh"}]
 
 
@@ -28,7 +28,7 @@ def train(steps: int) -> Any:
     """Return a policy of skrl that was trained for this many steps of all environments."""
     # With the autoreset mode NEXT_STEP, and `time_limit_bootstrap`, skrl takes the value at a time
     # limit from the last observation of the episode; with SAME_STEP from the first of the next one
-    env = wrap_env(gym.make_vec(num_envs=LANES, max_episode_steps=200, **TASK), wrapper="gymnasium")
+    env = wrap_env(gym.make_vec(num_envs=ENVS, max_episode_steps=200, **TASK), wrapper="gymnasium")
     spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
     policy = gaussian_model(**spaces, device="cpu", network=NETWORK, output="ACTIONS")
     value = deterministic_model(**spaces, device="cpu", network=NETWORK, output="ONE")
@@ -42,13 +42,13 @@ def train(steps: int) -> Any:
     )
     agent = PPO(
         models={"policy": policy, "value": value},
-        memory=RandomMemory(memory_size=32, num_envs=LANES, device="cpu"),
+        memory=RandomMemory(memory_size=32, num_envs=ENVS, device="cpu"),
         cfg=settings,
         device="cpu",
         **spaces,
     )
     # Without "headless" it would draw a picture of every environment in every step
-    cfg = {"timesteps": steps // LANES, "headless": True}
+    cfg = {"timesteps": steps // ENVS, "headless": True}
     SequentialTrainer(env=env, agents=agent, cfg=cfg).train()
     return policy
 
