@@ -242,6 +242,8 @@ def test_hinges_bear_gravity_along_them_and_fixed_bodies_are_part_of_links(text)
 @pytest.mark.parametrize("name", ["bobs", "many bobs on a cart", "arm"])
 def test_what_mujoco_saves_again_with_six_digits_is_read_with_its_bobs(name, tmp_path):
     text, path = ARM if name == "arm" else CHAINS[name].to_mjcf(), tmp_path / "saved.xml"
+    if name != "arm" and mujoco.__version__ < "4":
+        pytest.skip("MuJoCo 3 does not read the inertias of bobs that it saves")
     mujoco.mj_saveLastXML(str(path), mujoco.MjModel.from_xml_string(text))
     given, found = from_mjcf(text), from_mjcf(path)
     np.testing.assert_array_equal(found.has_bobs, given.has_bobs)
