@@ -77,6 +77,8 @@ ELSEWHERE = {  # why a command is not run here
     "--only gpu": "it needs a GPU",
     "paper --out results": "its findings are tested one by one, and take long together",
     "benchmarks/hardness.py": "minutes; tests/test_hardness.py runs a part",
+    "s3://": "it needs a store; tests/test_campaign_stores.py has one",
+    "long_motions.py": "minutes, and it needs heyoka",
     "judge_engines.py": "it needs other engines; tests/test_certify.py runs a part",
     "paper.period": "minutes; tests/paper/test_period_paper.py runs a part",
     "--full": "half an hour; tests/paper/test_com_law.py runs a part",

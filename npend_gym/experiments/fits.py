@@ -63,13 +63,27 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
 
 
 def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:
-    """Parameters that `curve_fit` found in a number of points, with confidence intervals."""
+    """Parameters that `curve_fit` found in a number of points, with confidence intervals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> [(one.value, round(one.error, 3)) for one in estimates(np.ones(1), np.eye(1), 3)]
+    [(1.0, 4.303)]
+    """
     widths = _student(points - len(values)) * np.sqrt(np.diag(covariance))
     return [Estimate(float(v), float(w)) for v, w in zip(values, widths, strict=True)]
 
 
 def amplitude_factor(amplitude: FloatArray, b: float, d: float) -> FloatArray:
-    """Return 1 + b a^2 / (1 + d a^2): the law over its limit of small angles, for angles [rad]."""
+    """Return 1 + b a^2 / (1 + d a^2): the law over its limit of small angles, for angles [rad].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> amplitude_factor(np.array([0.0, 1.0]), 0.0625, 0.0).tolist()
+    [1.0, 1.0625]
+    """
     return 1.0 + b * amplitude**2 / (1.0 + d * amplitude**2)
 
 

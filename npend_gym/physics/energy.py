@@ -17,6 +17,12 @@ def positions(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     For links they are the positions of the far ends: the joints and the tip.
 
     x_i = sum_{k<=i} l_k sin theta_k, y_i = -sum_{k<=i} l_k cos theta_k (the paper's section 2).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> positions(Chain.uniform(2), np.zeros(2)).tolist()
+    [[0.0, -1.0], [0.0, -2.0]]
     """
     s, c = sincos(theta)
     x = np.cumsum(chain.lengths * s, axis=-1)
@@ -64,6 +70,12 @@ def kinetic_energy(
 
     v_i is the velocity of a centre of mass, and `Chain.gear` defines rotor_i. The paper's T leaves
     the masses out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> float(kinetic_energy(Chain.uniform(1), np.zeros(1), np.full(1, 2.0)))
+    2.0
     """
     bobs = bool(np.all(chain.has_bobs))
     return kinetic_from(chain, *sincos(theta), omega, bobs=bobs)
@@ -99,6 +111,12 @@ def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> Float
 
     It is zero where all links hang straight down. Written with 1 - cos theta = 2 sin^2(theta/2),
     exact for small angles too.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> float(potential_energy(Chain.uniform(1, gravity=10.0), np.full(1, np.pi)))
+    20.0
     """
     return chain.gravity * lift_from(chain.lift, sincos(0.5 * theta)[0])
 

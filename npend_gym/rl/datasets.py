@@ -190,15 +190,23 @@ def write_dataset(
         If the data set exists, or there is no such task or policy.
     ImportError
         If Minari is not installed.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> rl.write_dataset("swingup-1", episodes=0)
+    Traceback (most recent call last):
+        ...
+    ValueError: episodes must be at least 1, got 0
     """
+    _checks.count("episodes", episodes)
+    _checks.count("seed", seed, low=0, high=VALIDATION - episodes)
     try:
         minari: Any = import_module("minari")
         buffers: Any = import_module("minari.data_collector.episode_buffer")
     except ImportError as error:
         way_out = 'pip install "minari[create]" pyarrow'
         raise ImportError(f"data sets need minari: install it with {way_out}") from error
-    _checks.count("episodes", episodes)
-    _checks.count("seed", seed, low=0, high=VALIDATION - episodes)
     name = f"npend/{task}/{kind}-v0"
     if name in minari.list_local_datasets():
         raise ValueError(f"{name} exists: `minari delete {name}` removes it")

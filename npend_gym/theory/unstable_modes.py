@@ -24,7 +24,15 @@ _LOST = 10.0  # limits, from which on a command does not come back
 
 
 def with_lag(a: FloatArray, b: FloatArray, lag: float) -> tuple[FloatArray, FloatArray]:
-    """Return A and B with a further state, the output of a motor that lags the command."""
+    """Return A and B with a further state, the output of a motor that lags the command.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> a, b = with_lag(np.array([[0.0]]), np.array([[1.0]]), 0.5)
+    >>> a.tolist(), b.tolist()
+    ([[0.0, 1.0], [0.0, -2.0]], [[0.0], [2.0]])
+    """
     if lag == 0.0:
         return a, b
     driven = np.append(np.hstack([a, b]), np.zeros((1, len(a) + 1)), axis=0)

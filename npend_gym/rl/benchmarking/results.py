@@ -144,6 +144,12 @@ def read_benchmarks(paths: Iterable[Path | str]) -> list[BenchmarkRun]:
         than the suite of this version.
     OSError
         If a file cannot be opened.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> rl.read_benchmarks([])
+    []
     """
     found: list[BenchmarkRun] = []
     for path in map(Path, paths):
