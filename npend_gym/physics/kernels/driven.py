@@ -71,14 +71,6 @@ def accelerate_base(chain: AnyArrays, across: float, up: float) -> None:
 
 
 @inlined_kernel
-def _steady(
-    t: float, q: FloatArray, u: FloatArray, torque: FloatArray, chain: AnyArrays,
-    work: FloatArray, alpha: FloatArray,
-) -> Any:  # fmt: skip
-    return accelerations(q, u, torque, chain, work, alpha)
-
-
-@inlined_kernel
 def _loads_by_function(
     t: float, q: FloatArray, u: FloatArray, torque: Driven, chain: AnyArrays, s: int
 ) -> FloatArray:
@@ -101,15 +93,6 @@ def _loads_by_function(
 
 
 @inlined_kernel
-def _by_function(
-    t: float, q: FloatArray, u: FloatArray, torque: Driven, chain: AnyArrays, work: FloatArray,
-    alpha: FloatArray,
-) -> Any:  # fmt: skip
-    loads = _loads_by_function(t, q, u, torque, chain, 0)
-    return accelerations(q, u, loads, chain, work, alpha)
-
-
-@inlined_kernel
 def _loads_along_line(
     t: float, q: FloatArray, u: FloatArray, torque: Sampled, chain: AnyArrays, s: int
 ) -> FloatArray:
@@ -120,15 +103,6 @@ def _loads_along_line(
     across, up = line[0, n + ACROSS], line[0, n + UP]
     accelerate_base(chain, across + since * line[1, n + ACROSS], up + since * line[1, n + UP])
     return loads
-
-
-@inlined_kernel
-def _along_line(
-    t: float, q: FloatArray, u: FloatArray, torque: Sampled, chain: AnyArrays, work: FloatArray,
-    alpha: FloatArray,
-) -> Any:  # fmt: skip
-    loads = _loads_along_line(t, q, u, torque, chain, 0)
-    return accelerations(q, u, loads, chain, work, alpha)
 
 
 @inlined_kernel
@@ -162,6 +136,14 @@ def loads_at(
 
 
 @inlined_kernel
+def _at_instant(
+    t: float, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray,
+    alpha: FloatArray,
+) -> Any:  # fmt: skip
+    return accelerations(q, u, loads_at(t, q, u, torque, chain, 0), chain, work, alpha)
+
+
+@inlined_kernel
 def _kept(
     t: float, q: FloatArray, u: FloatArray, torque: Kept, chain: AnyArrays, work: FloatArray,
     alpha: FloatArray,
@@ -169,7 +151,7 @@ def _kept(
     return accelerations_kept(q, u, torque.loads, chain, work, alpha)
 
 
-@chosen_by_type("torque", {0: _steady, Driven: _by_function, Sampled: _along_line, Kept: _kept})
+@chosen_by_type("torque", {0: _at_instant, Driven: _at_instant, Sampled: _at_instant, Kept: _kept})
 def driven_accelerations(
     t: float, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray,
     alpha: FloatArray,
