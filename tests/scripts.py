@@ -3,13 +3,17 @@
 import io
 import os
 import runpy
+import shutil
 import subprocess
 import sys
 import warnings
 from contextlib import redirect_stdout
+from pathlib import Path
 
 import numpy as np
 import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def run_script(script, *arguments, cwd):
@@ -52,3 +56,23 @@ def run_python(*arguments, cwd=None, env=None):
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def changed_copy(folder, changes):
+    """Copy the package into `folder` and replace texts there, by file; each stands there once.
+
+    Return the environment of a process that imports the copy, and keeps its machine code there.
+    """
+    shutil.copytree(
+        ROOT / "npend_gym", folder / "npend_gym", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for name, replaced in changes:
+        text = (folder / name).read_text(encoding="utf-8")
+        for old, new in replaced:
+            assert text.count(old) == 1, old
+            text = text.replace(old, new)
+        (folder / name).write_text(text, encoding="utf-8")
+    return os.environ | {
+        "PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": "0",
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
+    }  # fmt: skip

@@ -1,10 +1,8 @@
 """Making an environment: its keywords, its tasks, its entry in Gymnasium's registry, its errors."""
 
 import inspect
-import os
 import pickle
 import re
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
-from scripts import run_python
+from scripts import changed_copy, run_python
 
 from npend_gym import Cart, Chain
 from npend_gym.envs import (
@@ -502,30 +500,21 @@ for keywords in ({"angle_offset": 0.1}, {"randomize": drawn}):
 """
 
 
-def applied(diff, package):
-    """Apply one block of CONTRIBUTING to a copy of the package."""
+def as_change(diff):
+    """A block of CONTRIBUTING as a file and what is replaced there."""
     name, *lines = diff.strip("\n").split("\n")
     old, new = ("\n".join(x[1:] for x in lines if x[0] in kinds) + "\n" for kinds in (" -", " +"))
-    text = (package / name).read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    (package / name).write_text(text.replace(old, new), encoding="utf-8")
+    return name, [(old, new)]
 
 
 def run_changed(script, folder, *, compiled, leave_out=()):
     """Run a script with a copy of the package that has the changes of CONTRIBUTING."""
-    shutil.copytree(
-        ROOT / "npend_gym", folder / "npend_gym", ignore=shutil.ignore_patterns("__pycache__")
-    )
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```diff\n(.*?)```", text, re.DOTALL)
     assert len(blocks) == 6
-    for block in blocks:
-        if not block.strip().startswith(leave_out):
-            applied(block, folder)
-    environment = os.environ | {
-        "PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": "0" if compiled else "1",
-        "NUMBA_CACHE_DIR": str(folder / "cache"),
-    }  # fmt: skip
+    used = [block for block in blocks if not block.strip().startswith(leave_out)]
+    environment = changed_copy(folder, map(as_change, used))
+    environment["NUMBA_DISABLE_JIT"] = "0" if compiled else "1"
     run_python("-c", script, env=environment, cwd=folder)
 
 

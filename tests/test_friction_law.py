@@ -1,13 +1,7 @@
 """A law of friction with a parameter of its own, added to a copy of the package in a few files."""
 
-import os
-import shutil
-from pathlib import Path
-
 import pytest
-from scripts import run_python
-
-ROOT = Path(__file__).resolve().parents[1]
+from scripts import changed_copy, run_python
 
 # Stribeck: joints that stick have (1 + stiction) times the friction of those that slide
 STRIBECK = {
@@ -156,17 +150,6 @@ np.testing.assert_array_equal(found.stiction, chain.stiction)
 
 @pytest.mark.long
 def test_a_law_of_friction_with_one_parameter_takes_three_files(tmp_path):
-    package = tmp_path / "npend_gym"
-    shutil.copytree(ROOT / "npend_gym", package, ignore=shutil.ignore_patterns("__pycache__"))
     assert len(STRIBECK) <= 4
-    for name, changes in STRIBECK.items():
-        text = (tmp_path / name).read_text(encoding="utf-8")
-        for old, new in changes:
-            assert text.count(old) == 1, old
-            text = text.replace(old, new)
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    environment = os.environ | {
-        "PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "0",
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-    }  # fmt: skip
+    environment = changed_copy(tmp_path, STRIBECK.items())
     run_python("-c", USED, env=environment, cwd=tmp_path)

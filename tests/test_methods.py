@@ -1,12 +1,10 @@
 """The methods of `simulate` beside DOP853: their order, what they keep, how one is added."""
 
-import os
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scripts import run_python
+from scripts import changed_copy, run_python
 
 from npend_gym import Cart, Chain, Event, IntegrationError, Trajectory, simulate
 from npend_gym.physics import Signal, momentum_jacobian
@@ -303,17 +301,7 @@ assert main(["simulate", "-n", "2", "--duration", "1", "--method", "bs23"]) == 0
 
 @pytest.mark.long
 def test_an_integrator_with_all_that_belongs_to_it_takes_two_files(tmp_path):
-    package = tmp_path / "npend_gym"
-    shutil.copytree(ROOT / "npend_gym", package, ignore=shutil.ignore_patterns("__pycache__"))
-    (package / "physics" / "kernels" / "bs23.py").write_text(BS23, encoding="utf-8")
-    name, changes = ADDED
-    text = (tmp_path / name).read_text(encoding="utf-8")
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    environment = os.environ | {
-        "PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "0",
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-    }  # fmt: skip
+    environment = changed_copy(tmp_path, [ADDED])
+    added = tmp_path / "npend_gym" / "physics" / "kernels" / "bs23.py"
+    added.write_text(BS23, encoding="utf-8")
     run_python("-c", USED, env=environment, cwd=tmp_path)

@@ -8,7 +8,8 @@ joint positions and velocities, in the order of the file, or raises what the eng
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +30,15 @@ class Reader(NamedTuple):
     package: str
     formats: tuple[str, ...]
     within: float = 1e-7  # relative error of accelerations
+
+
+@contextmanager
+def written(text: str, suffix: str) -> Generator[Path]:
+    """Text of a chain in a temporary file, for engines that read no strings."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"chain.{suffix}"
+        path.write_text(text, encoding="utf-8")
+        yield path
 
 
 def mujoco(text: str, kind: str, mend: Chain | None) -> Accelerations:
@@ -136,9 +146,7 @@ def genesis(text: str, kind: str, mend: Chain | None) -> Accelerations:
     gs: Any = import_module("genesis")
     if not gs._initialized:  # noqa: SLF001
         gs.init(backend=gs.cpu, precision="64", logging_level="error")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"chain.{'urdf' if kind == 'urdf' else 'xml'}"
-        path.write_text(text, encoding="utf-8")
+    with written(text, "urdf" if kind == "urdf" else "xml") as path:
         options: dict[str, Any] = {"file": str(path)}
         gravity = (0.0, 0.0, -9.81)
         if mend is not None:
@@ -190,9 +198,7 @@ def dart(text: str, kind: str, mend: Chain | None) -> Accelerations:
     """Read by DART."""
     del kind
     engine: Any = import_module("dartpy")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "chain.urdf"
-        path.write_text(text, encoding="utf-8")
+    with written(text, "urdf") as path:
         loader = engine.utils.DartLoader() if hasattr(engine, "utils") else engine.io.DartLoader()
         robot = loader.parseSkeleton(str(path))
     world = engine.simulation.World()
@@ -215,9 +221,7 @@ def pinocchio(text: str, kind: str, mend: Chain | None) -> Accelerations:
     pin: Any = import_module("pinocchio")
     build = pin.buildModelFromMJCF if kind == "mjcf" else pin.buildModelFromXML
     if kind == "mjcf":
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "chain.xml"
-            path.write_text(text, encoding="utf-8")
+        with written(text, "xml") as path:
             model = build(str(path))
     else:
         model = build(text)
@@ -279,9 +283,7 @@ def pybullet(text: str, kind: str, mend: Chain | None) -> Accelerations:
     del kind
     pb: Any = import_module("pybullet")
     pb.connect(pb.DIRECT)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "chain.urdf"
-        path.write_text(text, encoding="utf-8")
+    with written(text, "urdf") as path:
         flags = pb.URDF_USE_INERTIA_FROM_FILE if mend is not None else 0
         body = pb.loadURDF(str(path), useFixedBase=True, flags=flags)
     pb.setGravity(0.0, 0.0, 0.0 if mend is None else -mend.gravity)
@@ -313,9 +315,7 @@ def sapien(text: str, kind: str, mend: Chain | None) -> Accelerations:
     scene.set_timestep(SHORT / 100.0)
     loader = scene.create_urdf_loader()
     loader.fix_root_link = True
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "chain.urdf"
-        path.write_text(text, encoding="utf-8")
+    with written(text, "urdf") as path:
         robot = loader.load(str(path))
     if mend is not None:
         for joint in robot.active_joints:
@@ -341,11 +341,9 @@ def roboticstoolbox(text: str, kind: str, mend: Chain | None) -> Accelerations:
     """Read by the Robotics Toolbox for Python."""
     del kind
     engine: Any = import_module("roboticstoolbox")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "chain.urdf"
-        if mend is not None:  # the same axis, as a turn about y of a turned frame
-            text = text.replace('xyz="0 -1 0"', 'xyz="0 1 0"')
-        path.write_text(text, encoding="utf-8")
+    if mend is not None:  # the same axis, as a turn about y of a turned frame
+        text = text.replace('xyz="0 -1 0"', 'xyz="0 1 0"')
+    with written(text, "urdf") as path:
         robot = engine.Robot.URDF(str(path))
     if mend is not None:
         robot.gravity = [0.0, 0.0, -mend.gravity]
