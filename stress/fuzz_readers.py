@@ -39,8 +39,8 @@ MOST = 300.0  # MiB that an input may take more than all before it
 _GUIDED = (  # modules whose lines guide; compiled kernels must not be instrumented
     "npend_gym._files", "npend_gym._checks", "npend_gym.rl.policies.files",
     "npend_gym.rl.policies.checks", "npend_gym.physics.trajectory_file",
-    "npend_gym.experiments.campaign.releases", "npend_gym.experiments.campaign.status",
-    "npend_gym.experiments.campaign.plan", "npend_gym.experiments.campaign.plan_file",
+    "npend_gym.experiments.studies.release_tables", "npend_gym.experiments.campaign.status",
+    "npend_gym.experiments.studies.release_plan", "npend_gym.experiments.campaign.plan_file",
     "npend_gym.experiments.release", "npend_gym.identification.recordings",
     "npend_gym.identification.motion", "npend_gym.report.release_tables", "npend_gym.envs.config",
     "npend_gym.envs.keywords", "zipfile", "numpy.lib.format", "tomllib._parser", "json.decoder",

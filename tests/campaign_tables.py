@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from npend_gym.experiments import Campaign
-from npend_gym.experiments.campaign.plan import BOBS, RELEASES
+from npend_gym.experiments.studies.release_plan import BOBS, RELEASES
 
 
 def completed(plan, out, **workers):

@@ -24,10 +24,10 @@ from npend_gym.cli.values import chain_argument
 from npend_gym.envs import EnvConfig
 from npend_gym.experiments import CampaignPlan, ReleaseExperiment, run_release
 from npend_gym.experiments.campaign.folder import Folder
-from npend_gym.experiments.campaign.plan import RELEASES
 from npend_gym.experiments.campaign.plan_file import read_plan_file
-from npend_gym.experiments.campaign.releases import read_releases
 from npend_gym.experiments.campaign.status import read_plan
+from npend_gym.experiments.studies.release_plan import RELEASES
+from npend_gym.experiments.studies.release_tables import read_releases
 from npend_gym.identification import read_motion
 from npend_gym.report import release_tables
 from npend_gym.rl import BenchmarkRun, PlannedTransitions, Policy, read_benchmarks

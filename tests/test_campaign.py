@@ -23,11 +23,11 @@ from npend_gym._files import part_digest
 from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan
 from npend_gym.experiments.campaign import engine
-from npend_gym.experiments.campaign.estimate import duration, estimate
-from npend_gym.experiments.campaign.plan import BOBS, RELEASES
 from npend_gym.experiments.campaign.plan_file import read_plan_file
-from npend_gym.experiments.campaign.releases import measure_task
 from npend_gym.experiments.campaign.tasks import digest_of
+from npend_gym.experiments.studies.release_estimate import duration, estimate
+from npend_gym.experiments.studies.release_plan import BOBS, RELEASES
+from npend_gym.experiments.studies.release_tables import measure_task
 
 SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
 
@@ -193,7 +193,7 @@ def test_an_estimate_is_of_cells_of_every_kind_and_of_springs_themselves(monkeyp
         timed.append(chain.n)
         now[0] += len(theta) * {"bob": 1.0, "height": 9.0}[definition]
 
-    module = "npend_gym.experiments.campaign.estimate"
+    module = "npend_gym.experiments.studies.release_estimate"
     monkeypatch.setattr(f"{module}.time", SimpleNamespace(process_time=lambda: now[0]))
     monkeypatch.setattr(f"{module}.pseudo_periods", costly)
     plan = CampaignPlan(n=5, definition=["bob", "height"], trials=10)
@@ -434,7 +434,7 @@ def test_a_failing_task_is_recorded_and_the_others_continue(undisturbed, tmp_pat
             raise ArithmeticError("no <b>step</b>")
         return pseudo_periods(chain, theta, **options)
 
-    monkeypatch.setattr("npend_gym.experiments.campaign.releases.pseudo_periods", sometimes)
+    monkeypatch.setattr("npend_gym.experiments.studies.release_tables.pseudo_periods", sometimes)
     _, errors = completed(SMALL, tmp_path)
     failed = [error for error in errors if error]
     assert failed

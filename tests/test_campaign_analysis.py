@@ -32,7 +32,7 @@ def planted(chain, theta, **_options):
 
 
 def analysed(plan, out, monkeypatch, measure):
-    monkeypatch.setattr("npend_gym.experiments.campaign.releases.pseudo_periods", measure)
+    monkeypatch.setattr("npend_gym.experiments.studies.release_tables.pseudo_periods", measure)
     monkeypatch.setattr("npend_gym.theory.fundamental_period", lambda chain: np.sqrt(chain.n + 0.5))
     completed(plan, out)
     return analyse(out)
@@ -127,7 +127,7 @@ def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
 
 
 def test_statistics_are_those_of_the_whole_table(tmp_path):
-    from npend_gym.experiments.campaign.plan import RELEASES
+    from npend_gym.experiments.studies.release_plan import RELEASES
 
     plan = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=60, batch=13)
     completed(plan, tmp_path)

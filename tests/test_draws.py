@@ -9,7 +9,7 @@ from oracle import numpys_philox
 
 from npend_gym.envs import EnvConfig
 from npend_gym.experiments import CampaignPlan, ReleaseExperiment, starts
-from npend_gym.experiments.campaign.releases import measure_task
+from npend_gym.experiments.studies.release_tables import measure_task
 
 
 def numpys(seed, episode=0):

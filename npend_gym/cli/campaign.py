@@ -37,7 +37,7 @@ from npend_gym.cli.common import FAILED, INTERRUPTED, OK, printable, warn
 if TYPE_CHECKING:
     from npend_gym.experiments import Campaign
 
-FILLS = {"npend_gym.experiments.campaign.plan:CampaignPlan": ()}
+FILLS = {"npend_gym.experiments.studies.release_plan:CampaignPlan": ()}
 
 
 def run(
@@ -108,7 +108,7 @@ def run(
     wanted = plan_of(given) if plan is not None or given else None
     campaign = Campaign(wanted, out, shard=shard or "1/1")
     if dry_run:
-        from npend_gym.experiments.campaign.estimate import counts_text, estimate
+        from npend_gym.experiments.studies.release_estimate import counts_text, estimate
 
         if isinstance(campaign.plan, CampaignPlan):
             print(estimate(campaign.plan).text(workers or os.cpu_count() or 1))

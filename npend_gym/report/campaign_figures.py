@@ -11,7 +11,7 @@ from matplotlib.ticker import PercentFormatter, ScalarFormatter
 
 from npend_gym._palette import BLACK, BLUE, ORANGE
 from npend_gym.experiments import AmplitudeLaw, CellGroup
-from npend_gym.experiments.campaign.statistics import EDGES, FAR, Statistics
+from npend_gym.experiments.studies.release_statistics import EDGES, FAR, Statistics
 from npend_gym.report.style import legend_below, mark_numbers, panels, shade, styled
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")

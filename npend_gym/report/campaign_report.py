@@ -17,10 +17,10 @@ from npend_gym import _files
 from npend_gym.experiments import AmplitudeLaw, Analysis, Campaign, CellGroup, PowerFit
 from npend_gym.experiments.campaign.folder import Folder
 from npend_gym.experiments.campaign.merge import STATISTICS, Summary
-from npend_gym.experiments.campaign.releases import finite_or_none
-from npend_gym.experiments.campaign.statistics import FAR
 from npend_gym.experiments.campaign.status import CELLS, PLAN, FolderStatus
 from npend_gym.experiments.campaign.tasks import Plan
+from npend_gym.experiments.studies.release_statistics import FAR
+from npend_gym.experiments.studies.release_tables import finite_or_none
 from npend_gym.report import player
 from npend_gym.report.outputs import (
     MANIFEST,

@@ -19,7 +19,6 @@ from npend_gym._provenance import provenance
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.folder import Folder, open_folder
 from npend_gym.experiments.campaign.parts import parquet
-from npend_gym.experiments.campaign.plan import CampaignPlan
 from npend_gym.experiments.campaign.status import (
     CELLS,
     FAILED,
@@ -33,6 +32,7 @@ from npend_gym.experiments.campaign.status import (
 )
 from npend_gym.experiments.campaign.task import run_task
 from npend_gym.experiments.campaign.tasks import GROUP, Plan, Task, group_name
+from npend_gym.experiments.studies.release_plan import CampaignPlan
 
 filelock: Any = _extras.require("filelock", "campaign", "campaigns")
 

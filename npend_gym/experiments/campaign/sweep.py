@@ -18,11 +18,11 @@ import numpy as np
 from npend_gym import _checks, _files
 from npend_gym.experiments.campaign import tasks
 from npend_gym.experiments.campaign.parts import pa
-from npend_gym.experiments.campaign.plan import CampaignPlan
 from npend_gym.experiments.campaign.tasks import Plan, Task
 from npend_gym.experiments.chains import MAX_VALUES, take_count
+from npend_gym.experiments.studies.release_plan import CampaignPlan
 
-_STUDIES = "npend_gym.experiments.campaign.studies"
+_STUDIES = "npend_gym.experiments.studies.built_in"
 BUILT_IN = ("evaluate", "identify", "lyapunov", "robustness", "train")
 ROWS = "rows"
 _OWN = ("cell", "seed")  # columns of every table

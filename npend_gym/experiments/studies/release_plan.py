@@ -217,13 +217,13 @@ class CampaignPlan(Plan):
 
     def measure(self, task: Task) -> dict[str, Any]:
         """Return the tables of a task."""
-        from npend_gym.experiments.campaign.releases import tables_of
+        from npend_gym.experiments.studies.release_tables import tables_of
 
         return tables_of(self, task)
 
     def describe_cells(self) -> Any:
         """Return a table of what the cell numbers stand for."""
-        from npend_gym.experiments.campaign.releases import cells_table
+        from npend_gym.experiments.studies.release_tables import cells_table
 
         return cells_table(self)
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.experiments.campaign.folder import Folder
-from npend_gym.experiments.campaign.plan import RELEASES, CampaignPlan
-from npend_gym.experiments.campaign.releases import read_releases
 from npend_gym.experiments.campaign.status import parts_of
+from npend_gym.experiments.studies.release_plan import RELEASES, CampaignPlan
+from npend_gym.experiments.studies.release_tables import read_releases
 
 FAR = 6.0  # standard deviations, beyond which a release is an outlier
 EDGES = np.linspace(-8.0, 8.0, 65)  # of the histogram of residuals, in standard deviations

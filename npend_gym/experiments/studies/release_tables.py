@@ -15,8 +15,8 @@ from npend_gym._checks import FloatArray
 from npend_gym.experiments import release
 from npend_gym.experiments.campaign.folder import Folder
 from npend_gym.experiments.campaign.parts import pa, pq
-from npend_gym.experiments.campaign.plan import BOBS, OF_CHAIN, RELEASES, CampaignPlan
 from npend_gym.experiments.campaign.tasks import Task
+from npend_gym.experiments.studies.release_plan import BOBS, OF_CHAIN, RELEASES, CampaignPlan
 from npend_gym.period import pseudo_periods
 
 _PERIODS = ("mean_s", "median_s", "tip_s")

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.experiments.campaign.plan import CampaignPlan
 from npend_gym.experiments.campaign.tasks import Plan
+from npend_gym.experiments.studies.release_plan import CampaignPlan
 from npend_gym.period import pseudo_periods
 
 # Time of a release over that of one of five rods, side by side, measured; in between it grows as a

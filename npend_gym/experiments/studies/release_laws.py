@@ -28,8 +28,6 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments.campaign.folder import open_folder
 from npend_gym.experiments.campaign.merge import Summary, summary
-from npend_gym.experiments.campaign.plan import OF_CHAIN, CampaignPlan
-from npend_gym.experiments.campaign.statistics import Statistics, statistics
 from npend_gym.experiments.campaign.status import FolderStatus, check_folder, read_plan
 from npend_gym.experiments.campaign.sweep import SweepPlan
 from npend_gym.experiments.fits import (
@@ -40,6 +38,8 @@ from npend_gym.experiments.fits import (
     estimates,
     power_law,
 )
+from npend_gym.experiments.studies.release_plan import OF_CHAIN, CampaignPlan
+from npend_gym.experiments.studies.release_statistics import Statistics, statistics
 
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
 _EXACT_UP_TO = 300  # bobs; beyond them the rope's limit stands for the chain's

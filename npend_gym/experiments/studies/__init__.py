@@ -1,0 +1,1 @@
+"""What a campaign can sweep: the release experiment with its analysis, and functions of a seed."""
