@@ -88,7 +88,7 @@ def within(name: str, value: FloatArray, limit: float) -> FloatArray:
 
 
 def in_radians(limit: str, angle: float) -> str:
-    """Return "within `limit` rad, got `angle`", and what `angle` is should it be in degrees."""
+    """Return "within `limit` rad, got `angle`", with a hint where `angle` may be in degrees."""
     text = f"within {limit} rad, got {angle:g}"
     if abs(angle) <= math.tau:
         return text

@@ -59,7 +59,11 @@ SHORT_RAIL = {"base": "cart", "rail": 1.8, "max_force": 10.0}  # of "npend/CartT
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("n", "rail"),
-    [(3, "default"), (4, "default"), pytest.param(5, "short", marks=pytest.mark.nightly)],
+    [
+        (3, "default"),
+        pytest.param(4, "default", marks=pytest.mark.nightly),
+        pytest.param(5, "short", marks=pytest.mark.nightly),
+    ],
 )
 def test_a_plan_swings_up_three_to_five_rods_on_a_cart_in_held_out_episodes(n, rail):
     keywords = {"n": n, "mode": "swingup", "base": "cart"}
@@ -90,7 +94,8 @@ def test_a_motor_at_the_base_alone_swings_up_three_rods_in_held_out_episodes(tri
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("n", "seconds", "settle", "steps"), [(2, 4.0, 0.0, 240), (6, 14.0, 10.0, 640)]
+    ("n", "seconds", "settle", "steps"),
+    [(2, 4.0, 0.0, 240), pytest.param(6, 14.0, 10.0, 640, marks=pytest.mark.nightly)],
 )
 def test_swing_ups_by_model_predictive_control_are_guesses_that_lead_to_plans(
     n, seconds, settle, steps

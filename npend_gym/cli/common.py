@@ -76,7 +76,7 @@ def warn(text: str) -> None:
 
 
 def open_closed_streams() -> None:
-    """Put stand-ins where the shell has closed streams, `npend ... >&-` or `2>&-`.
+    """Put stand-ins where the shell has closed streams, by `>&-` or `2>&-`.
 
     Writing to stdout then fails, as for a closed pipe. Messages to stderr vanish without a failure.
     Python leaves `sys.stdout` or `sys.stderr` as None, and the next file that is opened gets the

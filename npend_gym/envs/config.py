@@ -187,7 +187,7 @@ class EnvConfig(Settings):
 
     @property
     def with_all_features(self) -> Chain:
-        """The chain, with its cart, that needs the most of the model of all that may be drawn."""
+        """The chain, with its cart, that has every feature of the chains that may be drawn."""
         drawn = chain_of(self.randomization.with_all_features, 0).as_dict()
         return Chain.from_dict(drawn | {"base": self.chain.base})
 

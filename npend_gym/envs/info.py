@@ -34,7 +34,7 @@ class Key(NamedTuple):
 
 
 class Info(TypedDict, Generic[_Real, _Count, _Truth]):
-    """What `reset` and `step` return beside the observation; the same keys from the reset on.
+    """What `reset` and `step` return beside the observation, always with the same keys.
 
     ``Info[float, int, bool]`` is that of the single environment. In the vector environment each
     value is an array with a leading axis of B, and each key has a bool mask (B,) named ``_key``:

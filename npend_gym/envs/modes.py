@@ -21,7 +21,7 @@ _T = TypeVar("_T")
 
 
 class Quantities(NamedTuple, Generic[_T]):
-    """What a mode may judge by: numbers in a single environment, arrays (B,) in a vector one.
+    """What rewards and success are computed from: numbers, or arrays (B,) of a vector environment.
 
     Formulas of + - * /, abs and comparisons serve both. Energies are in units of
     `Chain.lifting_energy`, so that a reward means the same for every chain.

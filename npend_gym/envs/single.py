@@ -267,7 +267,7 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         return self._episodes.snapshots.take(_LANE_0, np.zeros(1, np.bool_)).reshape(())
 
     def set_state(self, state: States) -> tuple[ObsArray, Info[float, int, bool]]:
-        """Continue from a state, to the last bit as the environment that it was taken from.
+        """Continue from a state of `get_state`, with the same bits as where it was taken.
 
         Wrappers know nothing of it: that of the time limit counts on.
 

@@ -230,7 +230,7 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """A generator for each environment; nothing that the environment draws comes from them."""
+        """A generator for each sub-environment, for callers: the environment uses none of them."""
         return self._episodes.seeds.generators
 
     @property

@@ -19,7 +19,7 @@ _STEP = 1e-30
 
 
 def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = None) -> FloatArray:
-    """Return the mass matrix M: u . M u / 2 is the kinetic energy.
+    """Return the mass matrix M, with which the kinetic energy is u^T M u / 2.
 
     M_ij = l_i l_j cos(theta_i - theta_j) sum_{k >= max(i, j)} m_k: symmetric, positive definite.
     With links, M_ij = l_i h_j cos(theta_i - theta_j) where link j is below link i, h being

@@ -34,7 +34,7 @@ class Task:
 
     @property
     def place(self) -> str:
-        """What the path of the task's part begins with inside the folder of a table."""
+        """Beginning of the name of the task's part inside the folder of a table."""
         return f"{group_name(self.index // GROUP)}/{self.id}"
 
     @property

@@ -75,7 +75,7 @@ def performance(
     episodes: int = 20,
     seconds: float = 10.0,
 ) -> Performance:
-    """Judge swing-ups by RealAIGym's performance score.
+    """RealAIGym's performance score of swing-ups.
 
     score = success (1 - sum_i tanh(pi c_i / m_i) / 5), with the swing-up time c_1 and m_1 = 20 s,
     the energy and 60 J, the torque cost and 20 N^2 m^2 s, the smoothness and 0.1 N m, the velocity

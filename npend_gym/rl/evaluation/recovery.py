@@ -151,7 +151,7 @@ def recovery(
     resets: int = 15,
     reset_seconds: float = 0.2,
 ) -> Recovery:
-    """Judge by the score of the third AI Olympics with RealAIGym: the time up between knock-downs.
+    """Score of the third AI Olympics with RealAIGym: the share of time up between knock-downs.
 
     In episodes of 60 s the chain is disturbed 15 times: for 0.2 s motors at all joints, with the
     torque limit of the environment, turn them to random angles in place of the controller. The k-th
