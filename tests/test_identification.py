@@ -55,7 +55,9 @@ def noisy(theta, noise=NOISE):
 
 def truth(result, chain):
     values = values_of(chain)
-    return np.array([values[QUANTITIES.index(name[:-1]), int(name[-1])] for name in result.names])
+    places = ((name.rstrip("0123456789"), name[-1]) for name in result.names)
+    return np.array([values[QUANTITIES.index(kind), int(k) if k.isdigit() else 0]
+                     for kind, k in places])  # fmt: skip
 
 
 def deviations(result, chain):
@@ -474,6 +476,85 @@ def test_offsets_alone_are_found_where_everything_else_is_known():
     assert result.offsets == pytest.approx([0.02, -0.01], abs=5e-4)
 
 
+ONE = {"masses": [0.1], "lengths": [0.2], "centres": [0.15], "inertias": [3e-4]}
+TWO = {"masses": [0.1, 0.15], "lengths": [0.2, 0.25]}
+BODIES = TWO | {"centres": [0.1, 0.12]}
+WHOLE = ["inertia", "lift", "damping", "gravity"]
+
+
+@pytest.mark.parametrize("gravity", [9.79, 1.62])
+@pytest.mark.parametrize(
+    ("true", "known", "fit"),
+    [
+        (ONE | {"damping": 1e-4}, ONE, ["damping", "gravity"]),
+        (BODIES | {"inertias": [4e-4, 1e-3], "damping": 1e-4}, BODIES, WHOLE),
+        (TWO | {"drag": 2e-3, "damping": 1e-4}, TWO | {"drag": 2e-3}, WHOLE),
+        (TWO | {"armature": [0.0, 2e-3], "gear": [6.0, -6.0]}, TWO | {"gear": [6.0, -6.0]},
+         ["inertia", "lift", "armature", "gravity"]),
+    ],
+)  # fmt: skip
+def test_gravity_of_another_planet_is_found_from_that_of_the_earth(true, known, fit, gravity):
+    true, slower = Chain(**true, gravity=gravity), math.sqrt(9.81 / gravity)
+    times, theta, piece = recorded(true, 4, seconds=1.5 * slower)
+    result = identify(times, theta, piece=piece, chain=Chain(**known), fit=fit)
+    assert np.abs(deviations(result, true)).max() < 4.0
+    assert result.names[-1] == "gravity"
+    assert result.chain.gravity == pytest.approx(gravity, rel=0.01)
+    assert result.chain_errors["gravity"] == result.standard_errors[-1] < 0.003 * gravity
+    small = 2.0 * np.pi / theory.normal_modes(true)[0]
+    assert result.small_periods == pytest.approx(small, rel=2e-3)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_gravity_is_found_beside_all_others_where_torques_act_or_the_pivot_moves(n):
+    """Of one link torques leave the product with its lift open, a moving pivot nothing."""
+    times = np.arange(0.0, 12.0, 0.01)
+    given = {"masses": [0.2, 0.1][:n], "lengths": [0.3, 0.25][:n]}
+    push = Signal(times, 2.0 * np.sin(4.0 * times), "linear")
+    moved = simulate(Chain(**given, gravity=3.7, base=Cart(3.0)), 0.3, 0.0, times, force=push)
+    torque = np.zeros((times.size, n))
+    torque[:, 0] = 0.05 * np.sin(3.0 * times)
+    driven = simulate(
+        Chain(**given, gravity=3.7), 0.3, 0.0, times, torque=Signal(times, torque, "linear")
+    )
+    known = Chain(given["masses"], given["lengths"], inertias=1e-3 * np.ones(n))
+    for motion, more, fit in (
+        (moved, {"position": moved.position}, ["inertia", "lift", "gravity"]),
+        (driven, {"torque": torque}, ["inertia", *["lift"] * (n > 1), "gravity"]),
+    ):
+        found = identify(times, noisy(motion.theta), chain=known, fit=fit, **more)
+        assert np.abs(deviations(found, Chain(**given, gravity=3.7))).max() < 4.0
+        assert found.standard_errors[-1] < 0.02
+
+
+def test_gravity_that_a_recorded_pendulum_shows_is_that_of_the_earth():
+    """Within the error of its published lengths: 0.5 mm of 17.3 cm are 0.3 %."""
+    motion = read_motion(DATA / "multiarm_double.csv")
+    chain = Chain.from_dict(Chain.multiarm(2).as_dict() | {"gravity": 5.0})
+    fit = ["inertia", "lift", "damping", "friction", "quadratic_drag", "gravity"]
+    result = identify(motion.times, motion.theta, piece=motion.piece, chain=chain, fit=fit)
+    assert result.chain.gravity == pytest.approx(9.81, abs=0.05)
+    assert result.held_out_rmse < 1.2e-3
+    assert any(one.startswith("gravity: its standard error") for one in result.undetermined)
+
+
+@pytest.mark.parametrize(
+    ("known", "fit", "given", "message"),
+    [
+        (ONE, ["inertia", "gravity"], {}, '"gravity" beside "inertia".*only their ratio'),
+        (ONE, ["armature", "gravity"], {}, '"gravity" beside "armature"'),
+        (ONE, ["lift", "gravity"], {"torque": np.ones(40)}, '"lift".*only their product'),
+        (TWO, ["length", "lift", "gravity"], {}, '"gravity" beside "length".*move the pivot'),
+        (ONE | {"gravity": 0.0}, ["gravity"], {}, "gravity of the chain must be above 0"),
+    ],
+)
+def test_gravity_beside_what_cannot_be_distinguished_from_it_is_refused(known, fit, given, message):
+    times, chain = np.arange(40) / 40.0, Chain(**known)
+    theta = np.sin(9.0 * times)[:, None] * np.ones(chain.n)
+    with pytest.raises(ValueError, match=message):
+        identify(times, theta, chain=chain, fit=fit, **given)
+
+
 def test_the_measured_double_pendulum_is_predicted_better_than_with_its_published_parameters():
     motion = read_motion(DATA / "multiarm_double.csv")
     result = identify(motion.times, motion.theta, piece=motion.piece, chain="multiarm 2")
@@ -532,7 +613,8 @@ def test_simulated_segments_and_their_derivatives_are_those_of_an_adaptive_integ
     times = np.sort(np.random.default_rng(0).uniform(0.0, 0.6, 40))
     torque = np.array([0.02, -0.03])
     motion = check_motion(times, np.zeros((40, 2)), np.tile(torque, (40, 1)))
-    model = new_model(TRUE, ["inertia", "lift", "damping", "quadratic_drag"], driven=True)
+    fit = ["inertia", "lift", "damping", "quadratic_drag", "gravity"]
+    model = new_model(TRUE, fit, driven=True)
     shooting = Shooting(model, motion, [slice(0, 40)], 0.0005, 0.0)
     fitted, states = model.pack(values_of(TRUE)), np.array([[0.8, -0.3, 1.0, 2.0]])
 

@@ -237,6 +237,7 @@ def test_cells_may_stand_in_quotation_marks(motion_file):
         ("--lengths 1 --chain acrobot", "--lengths must be left out with --chain"),
         ("--lengths 0", "lengths must be greater than zero"),
         ("--lengths 1 --fit mass", "fit must be one of inertia, lift"),
+        ("--lengths 1 --fit inertia,gravity", 'fit must not name "gravity" beside "inertia"'),
         ("--lengths 1 --segment -1", "segment must be greater than zero"),
         (
             "--lengths 1 --segment 0.1",
@@ -499,6 +500,23 @@ def test_the_text_has_periods_and_lengths_and_says_what_was_left_out(swings, cap
     assert "left out, because the data do not support it" in text
     assert "  - friction: zero; parts of the data are predicted" in text
     assert "  - quadratic_drag: zero; parts" in text
+
+
+@pytest.mark.long
+def test_the_command_fits_gravity_and_says_what_its_error_leaves_out(motion_file, capsys):
+    true = Chain([0.5, 0.3], [0.6, 0.4], damping=1e-3, gravity=9.79)
+    times = np.arange(0.0, 12.0, 0.02)
+    theta = simulate(true, [0.8, 0.3], 0.0, times).theta
+    theta += 1e-3 * np.random.default_rng(0).normal(size=theta.shape)
+    rows = "".join(f"{t:.2f},{a:.6f},{b:.6f}\n" for t, (a, b) in zip(times, theta, strict=True))
+    path = motion_file("time,theta0,theta1\n" + rows)
+    given = "--lengths 0.6,0.4 --masses 0.5,0.3 --fit inertia,lift,damping,gravity"
+    assert main(["identify", path, *given.split()]) == 0
+    text = capsys.readouterr().out
+    value, error, unit = re.search(r"^gravity +(\S+) +(\S+) +(\S+)$", text, re.MULTILINE).groups()
+    assert abs(float(value) - 9.79) < 4.0 * float(error) < 0.02
+    assert unit == "m/s^2"
+    assert "gravity: its standard error contains no errors of lengths" in text
 
 
 @pytest.mark.long

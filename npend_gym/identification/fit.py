@@ -60,6 +60,7 @@ def identify(
         motion is taken as free.
     chain : Chain, dict or str
         Known values: lengths, gravity, masses, friction speed, gears, and all that is not fitted.
+        Of fitted values it has first ones.
         It sets the scale of free swings, whose data has none: lift0 is kept, or inertia0 where
         gravity or lift0 is zero.
     piece : array_like of int, shape (T,), optional
@@ -67,9 +68,9 @@ def identify(
     fit : sequence of str, optional
         What to fit, of each link: "inertia", "lift", "damping", "friction", "drag",
         "quadratic_drag", "armature", "length" (of all links but the last), "offset" (an angle of
-        `theta` minus the true one). By default inertia and lift, and as many of damping, friction,
-        "quadratic_drag" and (with torques) armature as the data support. All named terms are
-        fitted.
+        `theta` minus the true one); of the chain, "gravity". All named terms are fitted. By default
+        inertia and lift, and as many of damping, friction, "quadratic_drag" and (with torques)
+        armature as the data support.
     segment : float, optional
         Longest time [s] simulated from one initial state, which is fitted; at least 20 rows. By
         default four typical periods of the motion, or less if the motion is too sensitive.
@@ -115,6 +116,11 @@ def identify(
     from the others, without the held-out ones. The fit has the fewest terms whose squared errors
     are within one standard error of the smallest. `Identification.left_out` names the other terms.
     If few segments with persistent errors cannot distinguish terms, all are fitted.
+
+    Gravity is fitted beside inertia and lift where links of given lengths hang on each other, or
+    the pivot moves. Free swings of one link determine only its ratio to inertia0, and torques its
+    product with lift0: the other is then kept as given. Its standard error does not contain errors
+    of the given values.
 
     Examples
     --------
@@ -206,7 +212,8 @@ class FitProblem:
             raise ValueError(f"held_out must be a share between 0 and 0.5, got {held_out}")
         check_units(known, motion)
         self.open: bool = fit is None  # which terms are fitted
-        self.stages: Stages = Stages(motion, new_model(known, fit, driven=motion.driven))
+        model = new_model(known, fit, driven=motion.driven, moved=motion.acceleration is not None)
+        self.stages: Stages = Stages(motion, model)
         self.longest: float = self.stages.period * _PERIODS
         if segment is not None:
             segment = self.longest = _checks.positive_number("segment", segment)
@@ -216,15 +223,9 @@ class FitProblem:
                     f"segment must be at least {least:g} s, the time of {MIN_ROWS} rows, got "
                     f"{segment:g}"
                 )
-        self.provenance: dict[str, Any] = provenance(
-            {
-                "chain": known.as_dict(),
-                "fit": fit,
-                "segment": segment,
-                "held_out": self.held_out,
-                "rows": motion.times.size,
-            }
-        )
+        arguments = {"chain": known.as_dict(), "fit": fit, "segment": segment}
+        arguments |= {"held_out": self.held_out, "rows": motion.times.size}
+        self.provenance: dict[str, Any] = provenance(arguments)
 
     def blocks(self) -> list[slice]:
         """Return the rows of the segments, of the longest duration."""

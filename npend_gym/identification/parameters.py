@@ -8,7 +8,8 @@ l_i^2 sum_{k>i} m_k ("inertia", the diagonal of the mass matrix), they read
         + g h_i sin theta_i = tau_i - tau_{i+1},    W_ii = J_i,  W_ij = l_i h_j for i < j,
 
 linear in J and h, and in damping, dry friction, drag of the air and armature, which add to the
-torques and to W. Measured angles may have an offset each beside these: the zero of an encoder.
+torques and to W. Measured angles may have an offset each beside these: the zero of an encoder. The
+coupling of links, l_i h_j, distinguishes g from h. Without it one of g, h and J must be known.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ UNITS = {
     "quadratic_drag": "N s^2/m^2",
     "armature": "kg m^2",
     "length": "m",
+    "gravity": "m/s^2",
     "offset": "rad",
 }
 QUANTITIES = tuple(UNITS)
-INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, LENGTH, OFFSET = range(
-    len(QUANTITIES)
-)
+(INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, LENGTH, GRAVITY,
+ OFFSET) = range(len(QUANTITIES))  # fmt: skip
 _RESISTING = QUANTITIES[DAMPING:LENGTH]  # they are parameters of `Chain` too
 DEFAULT_FIT = ("inertia", "lift", "damping", "friction", "quadratic_drag")
 OPTIONAL = DAMPING, FRICTION, QUADRATIC_DRAG, ARMATURE  # of the default, where data support them
@@ -46,10 +47,14 @@ MARGIN = 1e-3  # by which a mass exceeds the smallest one that its link can have
 
 
 def values_of(chain: Chain) -> FloatArray:
-    """Return the values of a chain, rows as in `QUANTITIES`, shape (9, n); offsets are zero."""
+    """Return the values of a chain, rows as in `QUANTITIES`, shape (10, n); offsets are zero.
+
+    Gravity fills its row.
+    """
     inertia = np.diag(link_inertia(chain))
     resisting = [getattr(chain, name) for name in _RESISTING]
-    return np.array([inertia, chain.lift, *resisting, chain.lengths, np.zeros(chain.n)])
+    gravity = np.full(chain.n, chain.gravity)
+    return np.array([inertia, chain.lift, *resisting, chain.lengths, gravity, np.zeros(chain.n)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +63,14 @@ class FitModel:
 
     # with gravity, friction speed and gears, and the masses as far as they are possible
     chain: Chain
-    known: FloatArray  # the values that are not fitted, (9, n), rows as in `QUANTITIES`
-    free: BoolArray  # which values are fitted, (9, n)
+    known: FloatArray  # the values that are not fitted, (10, n), rows as in `QUANTITIES`
+    free: BoolArray  # which values are fitted, (10, n)
 
     @property
     def names(self) -> list[str]:
-        """The fitted values by name, such as "inertia0", in the order of `pack`."""
-        return [f"{QUANTITIES[row]}{link}" for row, link in np.argwhere(self.free)]
+        """The fitted values by name, such as "inertia0" or "gravity", in the order of `pack`."""
+        places = np.argwhere(self.free).tolist()
+        return [QUANTITIES[row] + f"{link}" * (row != GRAVITY) for row, link in places]
 
     @property
     def units(self) -> list[str]:
@@ -72,17 +78,17 @@ class FitModel:
         return [UNITS[QUANTITIES[row]] for row, _ in np.argwhere(self.free)]
 
     def pack(self, values: FloatArray) -> FloatArray:
-        """Return the fitted ones of values (..., 9, n), shape (..., k)."""
+        """Return the fitted ones of values (..., 10, n), shape (..., k)."""
         return values[..., self.free]
 
     def unpack(self, fitted: FloatArray) -> FloatArray:
-        """Return all values, those that are not fitted as they are known, shape (..., 9, n)."""
+        """Return all values, those that are not fitted as they are known, shape (..., 10, n)."""
         out = np.tile(self.known, (*fitted.shape[:-1], 1, 1))
         out[..., self.free] = fitted
         return out
 
     def fixed(self, values: FloatArray) -> FitModel:
-        """Return the model that has `values`, (9, n), and fits none."""
+        """Return the model that has `values`, (10, n), and fits none."""
         return FitModel(self.chain, values, np.zeros_like(self.free))
 
     @property
@@ -104,11 +110,11 @@ class FitModel:
         sizes[DAMPING], sizes[FRICTION] = inertia * rate, inertia * rate**2
         sizes[DRAG] = sizes[DAMPING] / self.chain.lengths**2
         sizes[QUADRATIC_DRAG] = inertia / self.chain.lengths**3
-        sizes[LENGTH] = self.chain.lengths
+        sizes[LENGTH], sizes[GRAVITY] = self.chain.lengths, gravity
         return sizes[self.free]
 
     def possible_chain(self, values: FloatArray) -> Chain | None:
-        """Return the chain that has `values`, (9, n), with the masses of `chain` where possible.
+        """Return the chain that has `values`, (10, n), with the masses of `chain` where possible.
 
         None if no masses give the links positive inertias, or no chain takes values so large.
         """
@@ -122,12 +128,14 @@ class FitModel:
         if np.any(inertias < 0.0) or np.any(np.abs([*values, inertias]) > _checks.LARGEST):
             return None
         given = {"masses": masses, "lengths": lengths, "centres": centres, "inertias": inertias}
-        given |= _resisting(values)
+        given |= _resisting(values) | {"gravity": values[GRAVITY, 0]}
         kept = (name for name in ChainParameters._fields if name not in given)
         return Chain(**given, **{name: getattr(self.chain, name) for name in kept})
 
     def directions(self, chain: Chain) -> dict[str, FloatArray]:
         """Return how parameters of `chain` change with what is fitted, by name, (K, n) each.
+
+        The shape for gravity is (K,).
 
         The K values are those of `names`, but for the offsets at their end. Masses do not change:
         the motion does not depend on them where inertias and lifts are given.
@@ -135,6 +143,8 @@ class FitModel:
         places = np.argwhere(self.free[:OFFSET])
         names = "centres", "inertias", *_RESISTING, *["lengths"] * bool(self.free[LENGTH].any())
         out = {name: np.zeros((len(places), chain.n)) for name in names}
+        if self.free[GRAVITY, 0]:
+            out["gravity"] = (places[:, 0] == GRAVITY).astype(np.float64)
         below = _carried(chain.masses)
         for k, (row, link) in enumerate(places.tolist()):
             if row == LIFT:
@@ -146,7 +156,7 @@ class FitModel:
                 out["inertias"][k, link] = (
                     2.0 * below[link] * (chain.centres[link] - chain.lengths[link])
                 )
-            else:
+            elif row != GRAVITY:
                 name = "inertias" if row == INERTIA else QUANTITIES[row]
                 out[name][k, link] = 1.0
         return out
@@ -162,17 +172,19 @@ class FitModel:
         out = dict[str, FloatArray]()
         for name, slope in self.directions(chain).items():
             own = slice(len(slope))
-            out[name] = np.sqrt(np.einsum("ki,kl,li->i", slope, covariance[own, own], slope))
-            out[name][slope[np.isinf(errors[own])].any(axis=0)] = np.nan
+            variance = np.einsum("k...,kl,l...->...", slope, covariance[own, own], slope)
+            lost = slope[np.isinf(errors[own])].any(axis=0)
+            out[name] = np.where(lost, np.nan, np.sqrt(variance))
         return out
 
     def chain_of(self, values: FloatArray) -> Chain:
         """Return the `possible_chain`; ValueError if there is none.
 
-        It is the given chain but for what resists, where nothing else is fitted.
+        It is the given chain but for gravity and what resists, where nothing else is fitted.
         """
         if not self.free[[INERTIA, LIFT, LENGTH]].any():
-            return Chain.from_dict(self.chain.as_dict() | _resisting(values))
+            changed = _resisting(values) | {"gravity": float(values[GRAVITY, 0])}
+            return Chain.from_dict(self.chain.as_dict() | changed)
         chain = self.possible_chain(values)
         if chain is None:
             raise ValueError(
@@ -184,7 +196,7 @@ class FitModel:
 
 
 def _resisting(values: FloatArray) -> dict[str, FloatArray]:
-    """Return the parameters of `Chain` that resist motion, of values (9, n)."""
+    """Return the parameters of `Chain` that resist motion, of values (10, n)."""
     rows = values[DAMPING:LENGTH]
     return dict(zip(_RESISTING, np.where(rows < _checks.SMALLEST, 0.0, rows), strict=True))
 
@@ -195,7 +207,7 @@ def _carried(masses: FloatArray) -> FloatArray:
 
 
 def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
-    """Return masses for which no link with these values, (9, n), has a negative inertia.
+    """Return masses for which no link with these values, (10, n), has a negative inertia.
 
     Those of the chain if they are possible; otherwise the same factor reduces all of them, but
     none below the least that its link can have. None if nothing is possible.
@@ -241,13 +253,15 @@ def weighs(chain: Chain) -> BoolArray:
     return chain.gravity * np.abs(chain.lift) > chain.gravity * _LEAST * levers * chain.masses.sum()
 
 
-def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> FitModel:
+def new_model(
+    chain: Chain, fit: Sequence[str] | None, *, driven: bool, moved: bool = False
+) -> FitModel:
     """Return the model that fits the quantities `fit` of all links, as far as data can tell them.
 
     Without torques one value sets the scale and is kept: the lift of link 0, or its inertia
     where there is no gravity, or this lift is zero. The armature of joint 0 adds to the inertia of
     link 0 alone, and the length of the last link changes nothing but drag. Without gravity no angle
-    tells an offset, and no torque a length.
+    tells an offset, and no torque a length. `moved` says whether the pivot moves.
     """
     default = DEFAULT_FIT + ("armature",) * driven
     names = default if fit is None else fit
@@ -260,10 +274,30 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> FitMo
     if not weighs(chain)[0]:
         free[[INERTIA, ARMATURE], 0] &= driven
     free[LIFT, 0] &= driven
-    free[LENGTH, -1] = False
+    free[LENGTH, -1] = free[GRAVITY, 1:] = False
+    if free[GRAVITY, 0]:
+        _check_gravity(chain, free, driven=driven, moved=moved)
     if not free.any():
         raise ValueError(
             f"fit must name something that the data can tell, of {', '.join(QUANTITIES)}; got "
             f"{_checks.show(names)}"
         )
     return FitModel(chain, values_of(chain), free)
+
+
+def _check_gravity(chain: Chain, free: BoolArray, *, driven: bool, moved: bool) -> None:
+    """Refuse gravity beside values in proportion to which alone the motion determines it."""
+    if chain.gravity == 0.0:
+        raise ValueError("gravity of the chain must be above 0, a first value to be fitted, got 0")
+    if weighs(chain)[1:].any():
+        beside = (LENGTH,) if free[LIFT].any() else ()
+    else:
+        beside = (LIFT,) if driven else (INERTIA, ARMATURE)
+    named = [QUANTITIES[row] for row in beside if free[row].any()]
+    if named and not moved:
+        only = "product" if named == ["lift"] else "ratio"
+        raise ValueError(
+            f'fit must not name "gravity" beside "{named[0]}", because this motion determines only '
+            f"their {only}: give one of them with the chain, or move the pivot and measure its "
+            "position"
+        )

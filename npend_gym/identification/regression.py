@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import LSQUnivariateSpline
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.identification.least_squares import bounded, deviation
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import (
@@ -26,6 +26,7 @@ from npend_gym.identification.parameters import (
     DAMPING,
     DRAG,
     FRICTION,
+    GRAVITY,
     INERTIA,
     LENGTH,
     LIFT,
@@ -74,18 +75,25 @@ def smooth(motion: Motion, width: float) -> Smooth:
 def regress(
     model: FitModel, motion: Motion, curves: Smooth, parts: Sequence[slice]
 ) -> FloatArray | None:
-    """Return the values, (9, n), that solve the equations of motion best; None if nothing does.
+    """Return the values, (10, n), that solve the equations of motion best; None if nothing does.
 
     `curves` are splines of the motion, of whose rows `parts` are used.
     """
     pairs = [_equations(model, motion, curves, rows) for rows in parts]
     columns, right = zip(*pairs, strict=True)
-    matrix, vector = np.concatenate(columns), np.concatenate(right)  # (b, n, 9, n), (b, n)
+    matrix, vector = np.concatenate(columns), np.concatenate(right)  # (b, n, 10, n), (b, n)
     known = model.known.copy()
     wanted = model.free.copy()
     wanted[[LENGTH, OFFSET]] = False
     if not wanted.any():  # the equations are linear in nothing that is fitted
         return known
+    known[GRAVITY] *= known[LIFT]  # the equations are linear in these products
+    if wanted[GRAVITY, 0]:
+        wanted[GRAVITY] = True
+        wanted[GRAVITY, 0] = motion.forced or not (wanted[INERTIA].any() and wanted[LIFT].any())
+    else:
+        matrix[..., LIFT, :] += model.chain.gravity * matrix[..., GRAVITY, :]
+        matrix[..., GRAVITY, :] = 0.0
     unknown = matrix[..., wanted]
     vector = vector - np.einsum("bijk,jk->bi", matrix, np.where(wanted, 0.0, known))
     if not vector.any() or vector.size < unknown.shape[-1]:
@@ -93,6 +101,7 @@ def regress(
     weights, fitted = np.ones_like(vector), np.zeros(unknown.shape[-1])
     least = 1e-9 * float(np.abs(vector).max())
     lower = FitModel(model.chain, known, wanted).lower
+    lower[np.argwhere(wanted)[:, 0] == GRAVITY] = -np.inf
     for _ in range(10):  # each link's equations by their own scatter, outliers counted less
         rows = (unknown * weights[..., None]).reshape(-1, fitted.size)
         fitted = bounded(rows, (vector * weights).ravel(), lower)
@@ -100,13 +109,30 @@ def regress(
         spread = np.maximum(deviation(away), least)
         weights = (1.0 + (away / (3.0 * spread)) ** 2) ** -0.25 / spread
     known[wanted] = fitted
-    return known
+    return _with_gravity(model, known, wanted)
+
+
+def _with_gravity(model: FitModel, values: FloatArray, wanted: BoolArray) -> FloatArray | None:
+    """Return values, (10, n), with gravity for its products with the lifts; None if it is none."""
+    gravity, first = model.chain.gravity, values[GRAVITY, 0]
+    if model.free[GRAVITY, 0]:
+        told = int(model.chain.n > 1 and model.free[LIFT].any())  # first lift that is known
+        lifts = values[LIFT, told:]
+        gravity = float(values[GRAVITY, told:] @ lifts) / max(float(lifts @ lifts), 1e-300)
+        if not gravity > 0.0:
+            return None
+        if not wanted[GRAVITY, 0]:  # the scale is that in which gravity is the given one
+            values[wanted] *= gravity / model.chain.gravity
+        elif model.free[LIFT, 0]:
+            values[LIFT, 0] = first / gravity
+    values[GRAVITY] = gravity
+    return values
 
 
 def _equations(
     model: FitModel, motion: Motion, curves: Smooth, rows: slice
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the matrix, (b, n, 9, n), and the right side, (b, n), of a part with b bumps."""
+    """Return the matrix, (b, n, 10, n), and the right side, (b, n), of a part with b bumps."""
     n, times, width = motion.links, motion.times[rows], curves.width
     count = int(_OVERLAP * ((times[-1] - times[0]) / width - 1.0) + 1e-9) + 1
     centres = times[0] + 0.5 * width + np.arange(max(0, count)) * (width / _OVERLAP)
@@ -126,7 +152,7 @@ def _equations(
 def _terms(
     model: FitModel, theta: FloatArray, omega: FloatArray, moved: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of the values in the momenta and in the forces, (T, n, 9, n).
+    """Coefficients of the values in the momenta and in the forces, (T, n, 10, n).
 
     `moved` is the acceleration of the pivot. Entry (t, i, q, k) belongs to the equation of link i
     and to quantity q of link k.
@@ -135,7 +161,7 @@ def _terms(
     momenta, forces = np.zeros((2, count, n, len(QUANTITIES), n))
     for i in range(n):
         momenta[:, i, INERTIA, i] = omega[:, i]
-        forces[:, i, LIFT, i] += chain.gravity * np.sin(theta[:, i])
+        forces[:, i, GRAVITY, i] = np.sin(theta[:, i])
         if moved is not None:
             forces[:, i, LIFT, i] += moved * np.cos(theta[:, i])
         for k in range(i + 1, n):

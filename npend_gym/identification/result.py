@@ -22,14 +22,15 @@ class Identification:
     chain : Chain
         The fitted chain.
     names, units : tuple of str
-        The k fitted values, such as "inertia0" and "kg m^2"; see the notes.
+        The k fitted values, such as "inertia0" and "kg m^2", or "gravity"; see the notes.
     values, standard_errors : ndarray, shape (k,)
         The values and their standard errors; infinite where the data do not determine a value. The
         errors are from a fit without bounds, also for a value at its bound, zero.
     correlation : ndarray, shape (k, k)
         Correlation of the errors.
     chain_errors : dict of str to ndarray, shape (n,)
-        Standard errors of parameters of `chain` by name, the masses taken as exact. NaN where the
+        Standard errors of parameters of `chain` by name, the masses taken as exact; one number for
+        gravity. NaN where the
         data do not determine a parameter.
     offsets : ndarray, shape (n,)
         Measured minus true absolute angles [rad]; zero where they were not fitted. The encoder

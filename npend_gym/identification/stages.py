@@ -112,7 +112,7 @@ class Stages:
         return None if solution is None else Fit(list(rows), solution)
 
     def start(self, parts: Sequence[slice]) -> FloatArray:
-        """Return the values, (9, n), that fit best: those given, or those of several regressions.
+        """Return the values, (10, n), that fit best: those given, or those of several regressions.
 
         The splines of the best regression give the first states from now on. If none makes a chain
         that moves, a RuntimeError is raised.
@@ -160,7 +160,7 @@ class Stages:
     ) -> tuple[Fit | None, float]:
         """Return the fit over the longest segments that are possible, and their duration [s].
 
-        It begins with `values` (9, n); each stage takes at most `most` iterations. The first stage
+        It begins with `values` (10, n); each stage takes at most `most` iterations. The first stage
         has no shorter one to be compared with: it is halved until it amplifies no error too much,
         or segments have 20 rows.
         """
@@ -199,7 +199,7 @@ class Stages:
         return self.fit(self.model, rows, self.model.pack(self.start(rows)), most, _PASSING)
 
     def judge(self, values: FloatArray, parts: Sequence[slice], most: int = 50) -> Fit | None:
-        """Return the fit of the first states alone, with the values (9, n), in stages."""
+        """Return the fit of the first states alone, with the values (10, n), in stages."""
         fit, reached = self.lengthen(parts, values, self.model.fixed(values), most)
         return fit if reached == self._durations(parts)[-1] else None
 

@@ -15,6 +15,7 @@ from npend_gym.identification.parameters import (
     ARMATURE,
     DAMPING,
     DRAG,
+    GRAVITY,
     INERTIA,
     LENGTH,
     LIFT,
@@ -39,7 +40,7 @@ class Uncertainty(NamedTuple):
     covariance: FloatArray  # of what the data determine, (k, k)
     correlation: FloatArray  # (k, k); zero beside a value without error
     # Whether few segments determine much, errors last long, and inertias or lifts are not known
-    # to 5 %
+    # to 5 %, or gravity
     rough: bool
 
 
@@ -79,7 +80,7 @@ def uncertainty(solution: Solution, model: FitModel) -> Uncertainty:
     covariance = mixed * np.outer(spread * scale, spread * scale)
     errors = np.sqrt(np.diag(covariance))
     errors[np.abs(vectors[:, ~determined]).max(axis=1, initial=0.0) > 0.1] = np.inf
-    ruling = np.isin(np.argwhere(model.free)[:, 0], (INERTIA, LIFT))
+    ruling = np.isin(np.argwhere(model.free)[:, 0], (INERTIA, LIFT, GRAVITY))
     rough = len(solution.weights) < _ENOUGH * fitted and float(np.median(excess)) > _ROUGH**2
     rough &= bool(np.any(spread[ruling] > _LARGE))
     return Uncertainty(errors, covariance, _correlation(covariance), rough)
@@ -160,6 +161,12 @@ def undetermined(
         taken += ", which sets their scale, and the last one"
     elif chain.n > 1:
         taken += ", and all lengths but the last,"
+    if free[GRAVITY, 0]:
+        taken = "those that were not fitted"
+        out.append(
+            "gravity: its standard error contains no errors of lengths, centres and other values "
+            "of the given chain"
+        )
     out.append(
         f"lengths: {taken} were taken from the given chain; the length of the last link changes "
         "nothing but the drag of its end"
