@@ -2,6 +2,7 @@
 
 import io
 import re
+import sys
 import tarfile
 import zipfile
 
@@ -227,9 +228,122 @@ def test_columns_without_names_are_named_by_their_places(written):
     assert read.theta == pytest.approx(SWING.theta, abs=1e-6)
 
 
+JOINT_STATE = """\
+std_msgs/Header header
+
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+STRING = "string data\n"
+
+
+def bag(motion, names=("shoulder", "elbow"), topics=("/joint_states",), stamps=True, **columns):
+    """A bag as `ros2 bag record` writes it: stamps of the clock, the log later by 2 to 30 ms."""
+    ros = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
+    rng, held = np.random.default_rng(0), io.BytesIO()
+    writer = ros.Writer(held)
+    state = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+    text = writer.register_msgdef("std_msgs/msg/String", STRING)
+    writer.write_message("/robot_description", text, {"data": "<robot/>"}, log_time=10**18)
+    angles = np.diff(motion.theta, axis=1, prepend=0.0)
+    rates = np.diff(motion.omega, axis=1, prepend=0.0)
+    given = {
+        "position": angles,
+        "velocity": rates,
+        "effort": np.full_like(angles, np.nan),
+    } | columns
+    for k, time in enumerate(motion.times):
+        nanoseconds = 1_764_426_000 * 10**9 + round(time * 1e9)
+        sec, nanosec = divmod(nanoseconds, 10**9) if stamps else (0, 0)
+        header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": ""}
+        turn = k % 2  # a controller may name joints in another order
+        message = {name: list(np.roll(rows[k], turn)) for name, rows in given.items()}
+        message |= {"header": header, "name": list(np.roll(names, turn))}
+        late = 0 if not stamps else int(rng.integers(2_000_000, 30_000_000))
+        for topic in topics:
+            writer.write_message(topic, state, message, log_time=nanoseconds + late)
+    writer.finish()
+    return held.getvalue()
+
+
+def test_a_ros_bag_is_read_by_the_stamps_of_its_headers(written):
+    read = read_recording(written(bag(BOTH), "rosbag2_0.mcap"))
+    assert read.motion.times == pytest.approx(TIMES, abs=1e-9)
+    assert read.motion.theta == pytest.approx(BOTH.theta, abs=1e-12)
+    assert read.motion.torque is None  # no joint reports an effort
+    (said,) = read.said
+    assert said == (
+        "rosbag2_0.mcap: recognised as a ROS bag, topic /joint_states; times are 'header.stamp', "
+        "in seconds; angles are 'shoulder', 'elbow', in radians, relative to the link above, "
+        "counter-clockwise positive"
+    )
+    unstamped = read_recording(written(bag(BOTH, stamps=False)))
+    assert unstamped.motion.times == pytest.approx(TIMES, abs=1e-9)
+    assert "times are 'log time'" in unstamped.said[0]
+
+
+def test_joints_of_a_ros_bag_are_columns_by_their_names(written, capsys):
+    torque = np.column_stack([np.full(240, np.nan), np.sin(TIMES)])
+    path = written(bag(BOTH, names=("b_elbow", "a_motor"), effort=torque))
+    read = read_motion(path)
+    assert read.torque == pytest.approx(np.nan_to_num(torque))
+    chosen = {"theta0": "b_elbow", "theta1": "a_motor", "tau1": "a_motor.effort"}
+    assert read_motion(path, columns=chosen, relative=True).torque == pytest.approx(read.torque)
+    one = read_motion(path, columns={"omega0": "b_elbow.velocity"})
+    swing = BOTH.theta[:, 0] - BOTH.theta[:, 0].mean()
+    assert np.corrcoef(one.theta[:, 0], swing)[0, 1] > 0.99
+    cart = read_motion(path, columns={"theta0": "b_elbow", "position": "a_motor"})
+    assert cart.position == pytest.approx(np.diff(BOTH.theta, axis=1)[:, 0])
+    with pytest.raises(SystemExit):
+        main(["identify", str(path), "--columns", "theta0=wrist"])
+    shown = capsys.readouterr().err
+    assert (
+        "has no column 'wrist': it has 'header.stamp, b_elbow, b_elbow.velocity, a_motor" in shown
+    )
+
+
+def test_a_ros_bag_that_tells_no_motion_says_what_is_in_it(written):
+    several = bag(BOTH, topics=("/arm/joint_states", "/rail/joint_states"))
+    with pytest.raises(ValueError, match=r"got /arm/joint_states, /rail/joint_states: record it"):
+        read_motion(written(several))
+    usual = bag(BOTH, topics=("/arm/joint_states", "/joint_states"))
+    assert "topic /joint_states" in read_recording(written(usual)).said[0]
+    with pytest.raises(ValueError, match="got /robot_description"):
+        read_motion(written(bag(BOTH, topics=())))
+    with pytest.raises(ValueError, match="is damaged, or was not closed"):
+        read_motion(written(several[: len(several) // 2]))
+
+
+def test_a_ros_bag_without_its_reader_names_the_command_that_installs_it(written, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    monkeypatch.setitem(sys.modules, "mcap.reader", None)
+    path = written(b"\x89MCAP0\r\n")
+    with pytest.raises(ImportError, match=re.escape('pip install "npend-gym[ros]"')):
+        read_motion(path)
+
+
+def test_torques_of_a_table_belong_to_the_joints_of_their_numbers(written):
+    rows = np.column_stack([TIMES, BOTH.theta, np.cos(TIMES)])
+    path = written("t\ta\tb\tmotor\n" + table(rows))
+    columns = {"time": "t", "theta0": "a", "theta1": "b", "tau1": "motor"}
+    read = read_motion(path, columns=columns)
+    assert read.torque == pytest.approx(np.column_stack([0.0 * TIMES, np.cos(TIMES)]), abs=1e-7)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
+        (b"SQLite format 3\0", "is SQLite: ros2 bag convert makes MCAP of a ROS bag"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "is an old Excel file (.xls): save or export it as"),
         (archive("xl/workbook.xml", "<a/>"), "is an Excel file (.xlsx): save or export it as CSV"),
         ("Zeit;Winkel in °\n0;1\n".encode("latin-1"), "must be a CSV file in UTF-8"),

@@ -4,8 +4,8 @@ Inertia and lift (mass times lever) of each link, and those of damping, friction
 data support, are fitted to measured angles. Segments held out of the fit test the result. The CSV
 files have columns time [s], theta0, theta1, ... [rad, absolute, 0 where it hangs]. They may have
 tau0, ... [N m] and piece, the number of the recording. Exports of Tracker, phyphox, Capstone,
-Logger Pro, RealAIGym and others are recognised. Columns that --columns names are taken as they
-stand; a name with a comma has quotation marks: 'theta0="angle, left"'. See
+Logger Pro, RealAIGym and others are recognised, and ROS 2 bags (MCAP). Columns that --columns
+names are taken as they stand; a name with a comma has quotation marks: 'theta0="angle, left"'. See
 docs/howto/real_pendulum.md.
 
 Examples
@@ -15,6 +15,7 @@ Examples
   npend identify first.csv second.csv --chain robot.json --segment 1 --json
   npend identify encoders.csv --lengths 0.2,0.3 --degrees --relative
   npend identify markers.txt --fps 400 --chain pendulum.json
+  npend identify rosbag2_0.mcap --lengths 0.2,0.3 --columns theta0=shoulder,theta1=elbow --relative
   npend identify log.csv --lengths 0.2,0.3 --columns "time=t [s],theta0=q1,theta1=q2,tau0=motor"
 """
 

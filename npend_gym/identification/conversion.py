@@ -42,6 +42,7 @@ class Reading(NamedTuple):
     times: FloatArray  # (T,) s
     theta: FloatArray  # (T, n) rad, absolute
     torque: FloatArray | None  # (T, n) N m
+    position: FloatArray | None  # (T,) of the pivot [m]
     piece: FloatArray  # (T,)
     lengths: FloatArray | None  # (n,) of the links, in the unit of the positions
     said: list[str]  # in sentences
@@ -72,6 +73,8 @@ def understood(
         If columns are missing, or there are neither angles nor positions nor rates.
     """
     meant = _named(table, columns) if columns else [_meaning(c) for c in table.columns]
+    if columns and "time" not in columns:
+        meant += [_of_role(c.role, c) for c in table.columns if c.role == "time"]
     found = [one for one in meant if one is not None]
     if not table.named and not columns and len(table.columns) in (2, 4, 6, 8) and fps is not None:
         found = [_Meant("xy"[k % 2], k // 2, False, one) for k, one in enumerate(table.columns)]
@@ -85,18 +88,29 @@ def understood(
     if len(widths) > 1:
         raise ValueError(f"runs must have equally many angles, got {sorted(widths)}")
     torques = [part.torque for part in parts if part.torque is not None]
+    places = [part.position for part in parts if part.position is not None]
     said = [f"recognised as {table.source}", *dict.fromkeys(s for p in parts for s in p.said)]
     return Reading(
         np.concatenate([part.times for part in parts]),
         np.concatenate([part.theta for part in parts]),
         np.concatenate(torques) if len(torques) == len(parts) else None,
+        np.concatenate(places) if places else None,
         pieces_in_turn([part.piece for part in parts]),
         parts[0].lengths,
         said,
     )
 
 
+def _of_role(ours: str, column: Column) -> _Meant:
+    """Return a column that is what stands there, such as "tau0", as it stands, of one run."""
+    role = ours.rstrip("0123456789")
+    number = int(ours[len(role) :] or -1)
+    return _Meant(role, number, False, Column(column.name, column.values))
+
+
 def _meaning(column: Column) -> _Meant | None:
+    if column.role:
+        return _of_role(column.role, column)
     found = RUN.match(column.name)
     name = found["name"] if found else column.name
     with_unit = _UNIT.match(name)
@@ -117,12 +131,7 @@ def _named(table: Table, columns: Mapping[str, str]) -> list[_Meant]:
             f"the file has no column {_checks.show(min(missing))}: it has "
             f"{_checks.show(', '.join(by_name))}"
         )
-    out = list[_Meant]()
-    for ours, name in columns.items():
-        role = ours.rstrip("0123456789")
-        number = int(ours[len(role) :] or -1)
-        out.append(_Meant(role, number, False, Column(name, by_name[name].values)))
-    return out
+    return [_of_role(ours, by_name[name]) for ours, name in columns.items()]
 
 
 def _of_run(
@@ -148,7 +157,8 @@ def _of_run(
             "..., and may name tau0, ... and piece; other names are given by columns"
         )
     chosen, torques = by_role[role], by_role.get("tau", [])
-    needed = [*chosen, *torques, *(by_role["y"] if role == "x" else ()), *by_role.get("piece", ())]
+    needed = [*chosen, *torques, *(by_role["y"] if role == "x" else ())]
+    needed += [one for name in ("piece", "position") for one in by_role.get(name, ())]
     cells = np.column_stack([times, *(one.column.values for one in needed)])
     full = np.all(np.isfinite(cells), axis=1)
     if np.any(np.abs(cells[full]) > _checks.LARGEST):
@@ -181,11 +191,15 @@ def _of_run(
     torque = None
     if torques:
         torque = np.zeros_like(theta)
-        if len(torques) > theta.shape[1]:
+        links = [one.number for one in chosen]
+        if len(torques) > len(links):
             raise ValueError(f"the file must have an angle for each torque, got {names}")
-        torque[:, : len(torques)] = np.column_stack([t.column.values for t in torques])[full]
+        for k, one in enumerate(torques):
+            link = links.index(one.number) if one.number in links else k
+            torque[:, link] = one.column.values[full]
     piece = by_role["piece"][0].column.values[full] if "piece" in by_role else 0.0 * times
-    return Reading(times, theta, torque, piece, lengths, said)
+    position = by_role["position"][0].column.values[full] if "position" in by_role else None
+    return Reading(times, theta, torque, position, piece, lengths, said)
 
 
 def _times(

@@ -94,6 +94,8 @@ def read_motion(
     - Capstone: a time column for each run; rows of photogates are left out;
     - Logger Pro, Graphical Analysis: ``.cmbl``, ``.gambl``, CSV;
     - RealAIGym: torques, and angles of joints relative to the link above;
+    - ROS 2 bags in the format MCAP (extra "ros"): positions of ``sensor_msgs/JointState`` by the
+      stamps of their headers, relative to the link above, in the order of the first message;
     - tables with names after ``%`` or ``#``, as of Schmidt and Lipson;
     - pixels of markers, x and y of each without names, y down; they need `fps`.
 
@@ -102,6 +104,8 @@ def read_motion(
     origin, or the centre of the circle of the first bob. Rates are integrated; a steady rate and
     the mean angle count as zero. `npend identify` prints how it understood a file, how many rows it
     left out, and the lengths that positions show. Columns without names are called "1", "2", ....
+    Those of a bag are "elbow", "elbow.velocity" and "elbow.effort" of each joint:
+    ``columns={"theta0": "shoulder", "theta1": "elbow"}, relative=True`` chooses two of them.
 
     Examples
     --------
@@ -169,8 +173,8 @@ def _check_columns(columns: object) -> dict[str, str]:
     for name, column in given.items():
         if not _is_read(str(name)) and not _POSITIONS.fullmatch(str(name)):
             raise ValueError(
-                "columns must name time, theta0, theta1, ..., tau0, ... or piece, or x0, y0, ... "
-                "or omega0, ..., got "
+                "columns must name time, theta0, theta1, ..., tau0, ..., piece or position, or x0, "
+                "y0, ... or omega0, ..., got "
                 f"{_checks.show(name)}: what stands in the file comes after it"
             )
         if not isinstance(column, str):
@@ -195,6 +199,7 @@ def _read_any(
         given = {ours: name for name, ours in columns.items()}
         read = understood(table, given, degrees=degrees, relative=relative, fps=fps)
         motion = check_motion(read.times, read.theta, read.torque, read.piece)
+        motion = with_position(motion, read.position)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if str(path) in text else f"{path}: {text}") from error

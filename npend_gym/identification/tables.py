@@ -37,6 +37,7 @@ class Column:
     values: FloatArray
     run: int = 0  # which recording it is of, where a file has several side by side
     track: int = 0  # which marked point it is of
+    role: str = ""  # what it is, such as "tau0", where not its name says so
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,10 @@ def read_table(path: Path) -> Table:
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"{path} must have at most {MAX_BYTES} bytes")
     data = path.read_bytes()
+    if data.startswith(b"\x89MCAP0\r\n"):
+        from npend_gym.identification.bags import read_bag  # it makes tables of this module
+
+        return read_bag(data)
     text = _text_of(data, path)
     if not text.strip():
         raise ValueError(f"{path} must have the column time, but it is empty")
@@ -82,6 +87,8 @@ def _text_of(data: bytes, path: Path) -> str:
     """Return the text of a file, or of the one in an archive that has the data."""
     if data.startswith(b"\xd0\xcf\x11\xe0"):
         raise ValueError(f"{path} is an old Excel file (.xls): save or export it as CSV")
+    if data.startswith(b"SQLite format 3"):
+        raise ValueError(f"{path} is SQLite: ros2 bag convert makes MCAP of a ROS bag")
     try:
         if data.startswith(b"PK"):
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
