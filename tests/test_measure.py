@@ -104,3 +104,25 @@ def test_a_measured_file_is_read_the_same_by_python(tmp_path):
     rows = np.column_stack(recorded(0.6))
     np.savetxt(path, rows, delimiter=",", header="time,theta0", comments="")
     assert measure_swings(read_motion(path)).small_period == pytest.approx(PERIOD, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "size", "way"),
+    [
+        (0.045, 180.0 / np.pi, "as if the angles were degrees: give --degrees"),
+        (0.9, np.pi / 180.0, "as if the angles were radians: give no --degrees"),
+    ],
+)
+def test_periods_show_that_angles_are_in_another_unit_than_was_said(amplitude, size, way):
+    times, theta = recorded(amplitude, seconds=60.0, noise=1e-4)
+    with pytest.warns(UserWarning, match=way):
+        measure_swings(check_motion(times, theta * size))
+    measure_swings(check_motion(times, theta))  # without a warning
+
+
+def test_a_gravity_that_is_not_the_earths_brings_a_warning_with_its_reasons():
+    motion = check_motion(*recorded(0.5))
+    with pytest.warns(
+        UserWarning, match=r"3\.92\d m/s\^2 follows from the length 0\.2 m.*by 1\.58"
+    ):
+        measure_swings(motion, length=0.2)

@@ -1,37 +1,35 @@
-"""What columns of other programs mean, and how positions, rates and relative angles become angles.
-
-`ROLES` says by their names what columns are. A new name is a new pattern there.
-"""
+"""How positions, rates and relative angles in the tables of other programs become angles."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.identification.columns import (
+    DEGREE,
+    SECONDS,
+    SPELT,
+    Meant,
+    angles_in,
+    meaning,
+    named,
+    of_role,
+    single,
+)
+from npend_gym.identification.instants import MIN_ROWS
 from npend_gym.identification.motion import passes, pieces_in_turn
-from npend_gym.identification.tables import RUN, Column, Table
+from npend_gym.identification.tables import Column, Table
 
-# Names of columns in lower case, without what stands in brackets behind; a number counts links
-ROLES = {
-    "time": r"t|time|times|elapsed time|time ?stamp",
-    "frame": r"frame|frames|frame number|step",
-    "piece": r"piece|trial",
-    "axis": r"(?:theta|θ)_?\{?r\}?",  # from the x axis
-    "relative": r"pos(?:_meas)?_?(\d+)",
-    "theta": r"(?:theta|θ|angle|angular position|phi|φ|q|o)_?(\d*)",
-    "omega": r"(?:omega|ω|angular velocity|w)_?(\d*)|gyroscope [xyz]",
-    "x": r"x_?(\d*)",
-    "y": r"y_?(\d*)",
-    "tau": r"(?:tau|torque|tau_meas)_?(\d*)",
-}
-_UNIT = re.compile(r"^(.*?)\s*[(\[]([^()\[\]]*)[)\]]$")
-_DEGREES = "deg", "degree", "degrees", "°", "º", "grad"
+_SINCE_1970 = 1e11, 1e14, 1e17  # numbers from which on instants are in ms, us, ns since then
+_LONG_AGO = 1e8  # s; instants that are larger are from another day
+_BACKWARDS = 0.01  # of the rows: so many may be late
+_ANEW = 0.1  # of a recording: where times fall back to before, another one begins
 _FIXED = 0.05  # of the scatter of the next marker: one that moves less is the pivot
 _ROUND = 0.03  # scatter of the distance from the origin, of its mean: the origin is the pivot
 
@@ -42,19 +40,10 @@ class Reading(NamedTuple):
     times: FloatArray  # (T,) s
     theta: FloatArray  # (T, n) rad, absolute
     torque: FloatArray | None  # (T, n) N m
-    position: FloatArray | None  # (T,) of the pivot [m]
     piece: FloatArray  # (T,)
     lengths: FloatArray | None  # (n,) of the links, in the unit of the positions
     said: list[str]  # in sentences
-
-
-class _Meant(NamedTuple):
-    """A column, what it is, of which link, and whether its unit is degrees."""
-
-    role: str
-    number: int
-    degrees: bool
-    column: Column
+    position: FloatArray | None = None  # (T,) of the pivot [m]
 
 
 def understood(
@@ -72,12 +61,12 @@ def understood(
     ValueError
         If columns are missing, or there are neither angles nor positions nor rates.
     """
-    meant = _named(table, columns) if columns else [_meaning(c) for c in table.columns]
+    meant = named(table, columns) if columns else [meaning(c) for c in table.columns]
     if columns and "time" not in columns:
-        meant += [_of_role(c.role, c) for c in table.columns if c.role == "time"]
+        meant += [of_role(c.role, c) for c in table.columns if c.role == "time"]
     found = [one for one in meant if one is not None]
-    if not table.named and not columns and len(table.columns) in (2, 4, 6, 8) and fps is not None:
-        found = [_Meant("xy"[k % 2], k // 2, False, one) for k, one in enumerate(table.columns)]
+    if not table.named and not columns:
+        found = _guessed(table.columns, frames=fps is not None)
     runs = sorted({one.column.run for one in found if one.role not in ("time", "frame")})
     parts = [
         _of_run(table, [one for one in found if one.column.run == run or one.role == "time"],
@@ -94,71 +83,48 @@ def understood(
         np.concatenate([part.times for part in parts]),
         np.concatenate([part.theta for part in parts]),
         np.concatenate(torques) if len(torques) == len(parts) else None,
-        np.concatenate(places) if places else None,
         pieces_in_turn([part.piece for part in parts]),
         parts[0].lengths,
         said,
+        np.concatenate(places) if len(places) == len(parts) else None,
     )
 
 
-def _of_role(ours: str, column: Column) -> _Meant:
-    """Return a column that is what stands there, such as "tau0", as it stands, of one run."""
-    role = ours.rstrip("0123456789")
-    number = int(ours[len(role) :] or -1)
-    return _Meant(role, number, False, Column(column.name, column.values))
-
-
-def _meaning(column: Column) -> _Meant | None:
-    if column.role:
-        return _of_role(column.role, column)
-    found = RUN.match(column.name)
-    name = found["name"] if found else column.name
-    with_unit = _UNIT.match(name)
-    base, unit = (with_unit[1], with_unit[2]) if with_unit else (name, "")
-    for role, pattern in ROLES.items():
-        if match := re.fullmatch(pattern, base.strip().lower()):
-            number = next((int(group) for group in match.groups() if group), -1)
-            return _Meant(role, number, unit.strip().lower() in _DEGREES, column)
-    return None
-
-
-def _named(table: Table, columns: Mapping[str, str]) -> list[_Meant]:
-    """Return the columns that are given by name, each as it stands: in radians, of one run."""
-    by_name = {one.name: one for one in table.columns}
-    missing = set(columns.values()) - by_name.keys()
-    if missing:
-        raise ValueError(
-            f"the file has no column {_checks.show(min(missing))}: it has "
-            f"{_checks.show(', '.join(by_name))}"
-        )
-    return [_of_role(ours, by_name[name]) for ours, name in columns.items()]
+def _guessed(columns: Sequence[Column], *, frames: bool) -> list[Meant]:
+    """Return what columns without names are, where it shows."""
+    values = [column.values for column in columns]
+    if frames and len(columns) in (2, 4, 6, 8):
+        return [Meant("xy"[k % 2], k // 2, "", one) for k, one in enumerate(columns)]
+    if not bool(np.all(np.diff(values[0]) >= 0.0)) or len(columns) not in (2, 3):
+        return []
+    roles = ("time", "theta") if len(columns) == 2 else ("time", "x", "y")
+    if len(columns) == 3:
+        places = np.column_stack(values[1:])
+        places = places[np.isfinite(places).all(axis=1)]
+        away = np.hypot(*(places - _centre_of_circle(places)).T)
+        if not np.std(away) < _ROUND * np.mean(away) or not np.ptp(places, axis=0).all():
+            return []
+    return [Meant(role, -1, "", one) for role, one in zip(roles, columns, strict=True)]
 
 
 def _of_run(
     table: Table,
-    found: Sequence[_Meant],
+    found: Sequence[Meant],
     run: int,
     degrees: bool,
     relative: bool,
     fps: float | None,
 ) -> Reading:
     """Motion in the columns of one run; rows with an empty cell are left out."""
-    by_role = dict[str, list[_Meant]]()
+    by_role = dict[str, list[Meant]]()
     for one in sorted(found, key=lambda one: (one.column.track, one.number)):
         by_role.setdefault(one.role, []).append(one)
     said = list[str]()
     times = _times(table, by_role, run, fps, said)
-    role = next((r for r in ("theta", "relative", "axis", "x", "omega") if r in by_role), None)
-    if role is None or (role == "x" and len(by_role.get("y", ())) != len(by_role["x"])):
-        names = ", ".join(one.name for one in table.columns)
-        raise ValueError(
-            "the file must have the column theta0, or angles, positions x and y, or rates of a "
-            f"gyroscope, got {_checks.show(names)}: its first line must name time, theta0, theta1, "
-            "..., and may name tau0, ... and piece; other names are given by columns"
-        )
-    chosen, torques = by_role[role], by_role.get("tau", [])
-    needed = [*chosen, *torques, *(by_role["y"] if role == "x" else ())]
-    needed += [one for name in ("piece", "position") for one in by_role.get(name, ())]
+    role, chosen = angles_in(table, by_role)
+    torques, y = by_role.get("tau", []), single(by_role["y"]) if role == "x" else []
+    moving = [one for one in by_role.get("position", []) if one.moves]
+    needed = [*chosen, *y, *torques, *moving, *by_role.get("piece", ())]
     cells = np.column_stack([times, *(one.column.values for one in needed)])
     full = np.all(np.isfinite(cells), axis=1)
     if np.any(np.abs(cells[full]) > _checks.LARGEST):
@@ -166,23 +132,26 @@ def _of_run(
     empty = int(np.sum(~full & np.isfinite(times)))
     if empty:
         said.append(f"{empty} of {np.isfinite(times).sum()} rows have empty cells and are left out")
-    names = ", ".join(repr(one.column.name) for one in needed)
+    if table.lost:
+        said.append(f"{table.lost} lines are no rows of the table and are left out")
+    names = ", ".join(repr(one.column.name) for one in [*chosen, *y])
     if not full.any():
         raise ValueError(f"the file must have rows with numbers in all of {names}")
-    values, lengths = np.column_stack([one.column.values for one in chosen])[full], None
-    times = times[full]
-    in_degrees = degrees or chosen[0].degrees
+    labels = by_role["piece"][0].column.values if "piece" in by_role else None
+    full, labels = _in_order(times, full, labels, said)
+    sizes = [DEGREE if degrees and role != "x" else one.size for one in chosen]
+    values = np.column_stack([one.column.values for one in chosen])[full] * sizes
+    times, lengths, in_degrees = times[full], None, sizes[0] == DEGREE
     if role == "x":
-        y = np.column_stack([one.column.values for one in by_role["y"]])[full]
-        theta, lengths = _from_positions(np.stack([values, y], axis=2), table.named, said)
-    elif role == "omega":
-        theta = _from_rates(times, np.radians(values) if in_degrees else values, said)
+        places = np.stack([values, np.column_stack([one.values for one in y])[full]], axis=2)
+        theta, lengths = _from_positions(places, fps is not None and not table.named, said)
+    elif role in ("omega", "axes"):
+        theta = _from_rates(times, values, role == "axes", said)
     else:
-        if role == "axis":
-            in_degrees |= float(np.abs(values).max()) > 1.01 * np.pi
-        theta = np.radians(values) if in_degrees else values
+        if role == "axis" and not in_degrees and float(np.abs(values).max()) > 1.01 * np.pi:
+            values, in_degrees = np.radians(values), True
         unit = "degrees" if in_degrees else "radians"
-        theta = theta + 0.5 * np.pi if role == "axis" else theta
+        theta = values + 0.5 * np.pi if role == "axis" else values
         if relative or role == "relative":
             theta = np.cumsum(theta, axis=1)
         how = {"axis": "from the x axis"}.get(role, "from where a link hangs")
@@ -196,15 +165,44 @@ def _of_run(
             raise ValueError(f"the file must have an angle for each torque, got {names}")
         for k, one in enumerate(torques):
             link = links.index(one.number) if one.number in links else k
-            torque[:, link] = one.column.values[full]
-    piece = by_role["piece"][0].column.values[full] if "piece" in by_role else 0.0 * times
-    position = by_role["position"][0].column.values[full] if "position" in by_role else None
-    return Reading(times, theta, torque, position, piece, lengths, said)
+            torque[:, link] = one.values[full]
+        said.append(f"torques are {', '.join(repr(one.column.name) for one in torques)}, in N m")
+    position = None
+    if moving:
+        position = single(moving)[0].values[full]
+        said.append(f"{moving[0].column.name!r} is the position of a cart, in metres")
+    return Reading(times, theta, torque, labels[full], lengths, said, position)
+
+
+def _in_order(
+    times: FloatArray, full: NDArray[np.bool_], labels: FloatArray | None, said: list[str]
+) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return which rows to take, and their pieces: a recording that begins anew is another piece.
+
+    Few rows that come too late, as of a sensor that reports twice, are left out.
+    """
+    if labels is not None:
+        return full, labels
+    rows, labels = np.flatnonzero(full), np.zeros_like(times)
+    back = np.flatnonzero(np.diff(times[rows]) < 0.0) + 1
+    starts, ends = times[rows[np.r_[0, back]]], times[rows[np.r_[back, rows.size] - 1]]
+    anew = starts[1:] - starts[:-1] < _ANEW * (ends - starts)[:-1]
+    if back.size and anew.all() and np.diff(np.r_[0, back, rows.size]).min() >= MIN_ROWS:
+        labels[rows] = np.searchsorted(back, np.arange(rows.size), side="right")
+        said.append(f"times begin anew {back.size} times: these are {starts.size} recordings")
+        return full, labels
+    latest = np.maximum.accumulate(np.r_[-np.inf, times[rows]])[:-1]
+    late = times[rows] <= latest
+    if 0 < late.sum() <= _BACKWARDS * rows.size:
+        said.append(f"{late.sum()} rows are no later than those before them and are left out")
+        full = full.copy()
+        full[rows[late]] = False
+    return full, labels
 
 
 def _times(
     table: Table,
-    by_role: dict[str, list[_Meant]],
+    by_role: dict[str, list[Meant]],
     run: int,
     fps: float | None,
     said: list[str],
@@ -228,16 +226,23 @@ def _times(
         names = ", ".join(one.name for one in table.columns)
         raise ValueError(
             f"the file must have the column time, got {_checks.show(names)}: its first line must "
-            "name the columns; other names are given by columns, and frames a second by fps"
+            "name the columns; other names are given by columns"
+            + ("" if table.named else ", such as --columns time=1,theta0=2")
+            + ", and frames a second by fps"
         )
-    unit = _UNIT.match(own[0].column.name)
-    milliseconds = unit is not None and unit[2].strip().lower() == "ms"
-    said.append(f"times are {own[0].column.name!r}, in {'milli' * milliseconds}seconds")
-    return own[0].column.values * (1e-3 if milliseconds else 1.0)
+    chosen = next((one for one in own if one.moves), own[0])
+    times, unit, start = chosen.values, chosen.unit, np.nanmin(np.abs(chosen.values))
+    if not unit:
+        unit = ("s", "ms", "us", "ns")[sum(start >= size for size in _SINCE_1970)]
+        times = times * SECONDS[unit]
+    if start * SECONDS[unit] > _LONG_AGO:
+        times = times - np.nanmin(times)
+    said.append(f"times are {chosen.column.name!r}, in {SPELT.get(unit, 'seconds')}")
+    return times
 
 
 def _from_positions(
-    places: FloatArray, named: bool, said: list[str]
+    places: FloatArray, film: bool, said: list[str]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the angles, and the lengths, of links between markers at `places` (T, markers, 2)."""
     scatter = np.sqrt(places.var(axis=0).sum(axis=1))
@@ -251,7 +256,7 @@ def _from_positions(
             pivot, how = _centre_of_circle(places[:, 0]), "the centre of the first marker's circle"
     joints = np.concatenate([np.broadcast_to(pivot, (len(places), 1, 2)), places], axis=1)
     x, y = (np.diff(joints[:, :, k], axis=1) for k in (0, 1))
-    down = not named or float(np.mean(y[:, 0] / np.hypot(x[:, 0], y[:, 0]))) > 0.5
+    down = film or float(np.mean(y[:, 0] / np.hypot(x[:, 0], y[:, 0]))) > 0.5
     theta, lengths = np.arctan2(x, y if down else -y), np.median(np.hypot(x, y), axis=0)
     shown = ", ".join(f"{length:.4g}" for length in lengths.tolist())
     said.append(
@@ -270,12 +275,12 @@ def _centre_of_circle(places: FloatArray) -> FloatArray:
     return middle + np.linalg.lstsq(matrix, squares, rcond=None)[0][:2]
 
 
-def _from_rates(times: FloatArray, rates: FloatArray, said: list[str]) -> FloatArray:
-    """Return the angle whose rates about three axes, or one, are given [rad/s], about its mean.
+def _from_rates(times: FloatArray, rates: FloatArray, axes: bool, said: list[str]) -> FloatArray:
+    """Return angles of which the rates, or those about three axes, are given [rad/s].
 
     The axis of the hinge is the direction in which rates vary most: a phone may lie obliquely.
     """
-    if rates.shape[1] == 3:
+    if axes:
         axis = np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
         axis *= np.sign(axis[np.argmax(np.abs(axis))])
         rates = (rates @ axis)[:, None]

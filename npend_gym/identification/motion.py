@@ -311,7 +311,7 @@ def _check_order(motion: Motion) -> None:
     if wrong.size:
         row = int(wrong[0]) + 1
         repeated = motion.times[row] == motion.times[row - 1]
-        way = "a row that stands twice is left out, rounded times need more decimals"
+        way = "leave out rows that stand twice, and give times that are rounded more decimals"
         raise ValueError(
             f"times must increase within a piece, got {motion.times[row]:g} s in row {row} after "
             f"{motion.times[row - 1]:g} s: "

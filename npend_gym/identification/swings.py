@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +12,13 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.identification.motion import Motion, passes
+from npend_gym.physics.arguments import warn_caller
 from npend_gym.theory import pendulum_factor
 
 _HARMONICS = 1, 3, 5  # of a swing, beside a decay in proportion to time
+_DEGREES = math.pi / 180.0, 180.0 / math.pi  # times the angles: units that were mistaken
+_BETTER = 3.0  # times smaller is the error of a period from amplitudes in their own unit
+_EARTH, _FAR = 9.81, 1.1  # m/s^2, and the factor from which on a measured one is doubted
 _LEAST = 4  # swings, which determine a period, a decay and the errors of both
 
 
@@ -109,10 +114,12 @@ def measure_swings(
     >>> round(measure_swings(check_motion(times, theta), length=0.8).gravity, 3)
     9.81
     """
-    if motion.links != 1 or motion.driven:
+    if motion.links != 1 or motion.forced:
+        got = f"{motion.links} links" if motion.links != 1 else "torques of a motor"
+        got = "a pivot, or a cart, that moves" if motion.acceleration is not None else got
         raise ValueError(
-            f"motion must be that of one pendulum without a motor, got {motion.links} links: "
-            "`npend identify` fits chains"
+            f"motion must be that of one pendulum without a motor, got {got}: `npend identify` "
+            "fits chains, motors and carts"
         )
     if (length is not None) and (gravity is not None):
         raise ValueError("gravity must be left out with length: one gives the other")
@@ -124,12 +131,18 @@ def measure_swings(
     runs = [run for run in runs if run[1].size]
     if sum(run[1].size for run in runs) < _LEAST:
         raise ValueError(
-            f"motion must have {_LEAST} whole swings at least, none of which turns over; are these "
-            "degrees (--degrees)?"
+            f"motion must have {_LEAST} whole swings at least without a gap, none of which turns "
+            "over; are these degrees (--degrees), or counts of an encoder?"
         )
     times, amplitudes, periods = (np.concatenate([run[k] for run in runs]) for k in (1, 2, 3))
-    period, period_error = _slope([(np.r_[0.0, np.cumsum(pendulum_factor(run[2]))], run[0])
-                                   for run in runs])  # fmt: skip
+    period, period_error = _fit_period(runs)
+    other = min((_fit_period(runs, size)[1], size) for size in _DEGREES)
+    if other[0] * _BETTER < period_error:
+        wrong, way = ("degrees", "--degrees") if other[1] < 1.0 else ("radians", "no --degrees")
+        warn_caller(
+            f"the periods depend on the amplitude as if the angles were {wrong}: give {way}; those "
+            f"given reach {math.degrees(amplitudes.max()):.3g} degrees"
+        )
     logs = [(run[1], np.log(run[2])) for run in runs if run[1].size > 1]
     slope, decay_error = _slope(logs) if logs else (math.nan, math.nan)
     decay = -slope
@@ -142,6 +155,12 @@ def measure_swings(
         found, long, long_error = square * reduced, length, length_error
         by_length = square * (1.0 - 0.4 * radius**2 / length**2) * length_error
         found_error = math.hypot(2.0 * found * period_error / period, by_length)
+        if not 1.0 / _FAR < found / _EARTH < _FAR:
+            warn_caller(
+                f"gravity is about {_EARTH} m/s^2 on the Earth, but {found:.4g} m/s^2 follows from "
+                f"the length {length:.4g} m: that must be from the pivot to the centre of a bob on "
+                f"a thread, in metres; or times must be divided by {math.sqrt(_EARTH / found):.3g}"
+            )
     elif gravity is not None:
         reduced = gravity / square
         long = 0.5 * (reduced + math.sqrt(max(reduced**2 - 1.6 * radius**2, 0.0)))
@@ -153,6 +172,14 @@ def measure_swings(
         gravity_error=found_error, length=long, length_error=long_error,
         centre=float(np.mean(np.concatenate([run[4] for run in runs]))),
     )  # fmt: skip
+
+
+def _fit_period(runs: Sequence[tuple[FloatArray, ...]], size: float = 1.0) -> tuple[float, float]:
+    """Return the period of small swings and its standard error, for amplitudes times `size`."""
+    if max(float(run[2].max()) for run in runs) * size >= math.pi:
+        return math.nan, math.inf
+    factors = [np.r_[0.0, np.cumsum(pendulum_factor(run[2] * size))] for run in runs]
+    return _slope([(factor, run[0]) for factor, run in zip(factors, runs, strict=True)])
 
 
 def _swings_of(times: FloatArray, theta: FloatArray) -> tuple[FloatArray, ...]:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import io
 import re
+import statistics
 import tarfile
 import zipfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import takewhile
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -24,7 +25,27 @@ from npend_gym._checks import FloatArray
 MAX_BYTES = 500_000_000
 _SEPARATORS = "\t", ";", ",", None  # None stands for any blanks
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
-_EMPTY = "", "nan", "-", "z1 1:"  # cells without a value, in lower case
+_EMPTY = "", "nan", "-", "z1 1:", "null", "none", "n/a"  # cells without a value, in lower case
+_COMMENT = "%", "#"  # before names, and before what a program says of itself
+# what files that have no table of numbers begin with
+_OTHERS = {
+    b"\xd0\xcf\x11\xe0": "an old Excel file (.xls): save or export it as CSV",
+    b"MATLAB 5.0": "a file of MATLAB (.mat): write a CSV file with writetable or writematrix",
+    b"\x89HDF": "an HDF5 file, or one of MATLAB 7.3 (.mat): write a CSV file",
+    b"#ROSBAG": "a recording of ROS (.bag): write its joint states as CSV, as PlotJuggler does",
+    b"SQLite format 3": "SQLite: ros2 bag convert makes MCAP of a ROS bag (.db3)",
+    b"PAR1": "a Parquet file: write it as CSV",
+}
+_XML = {  # what stands near the beginning of those that are XML
+    b"cabrillo.tracker": "a project of Tracker (.trk): export its table by File, Export, Data File",
+    b"<phyphox": "an experiment of phyphox without data: export those as CSV",
+}
+_PREAMBLE = 200  # lines above the names, at most
+_NUMBERS = 0.95  # of the cells of a column that has numbers, at least
+_FEW = 0.01  # of the rows: so many lines may be none
+_IS_UNIT = re.compile(  # of a line of units below the names
+    r"|[(\[].*[)\]]|s|sec|[mµμun]s|m?rad|deg|°|[cm]?m|px|(rad|deg|°|m)/s(\^?2|²)?|m?N[ *·]?m|[NVAg]"
+)
 RUN = re.compile(r"^(?:(?P<set>Latest|Run \d+|Data Set \d+):\s*)?(?P<name>.*?)"
                    r"(?:\s+Run #(?P<run>\d+))?$")  # fmt: skip
 
@@ -50,6 +71,7 @@ class Table:
     source: str
     columns: list[Column]
     named: bool = True
+    lost: int = 0  # lines among the rows that are none
 
 
 def read_table(path: Path) -> Table:
@@ -71,24 +93,27 @@ def read_table(path: Path) -> Table:
         from npend_gym.identification.bags import read_bag  # it makes tables of this module
 
         return read_bag(data)
-    text = _text_of(data, path)
+    text, name = _text_of(data, path)
     if not text.strip():
         raise ValueError(f"{path} must have the column time, but it is empty")
     for read in FORMATS:
         if (table := read(text)) is not None:
-            return table
+            rates = "gyro" in name.lower()  # of apps that call the axes of every sensor x, y and z
+            columns = [replace(c, name=f"gyroscope {c.name}") if rates and c.name in ("x", "y", "z")
+                       else c for c in table.columns]  # fmt: skip
+            return replace(table, columns=columns)
     raise ValueError(
         f"{path} must be a table: lines with equally many numbers, below a line with their names; "
         f"it begins with {_checks.show(text.splitlines()[0][:80])}"
     )
 
 
-def _text_of(data: bytes, path: Path) -> str:
-    """Return the text of a file, or of the one in an archive that has the data."""
-    if data.startswith(b"\xd0\xcf\x11\xe0"):
-        raise ValueError(f"{path} is an old Excel file (.xls): save or export it as CSV")
-    if data.startswith(b"SQLite format 3"):
-        raise ValueError(f"{path} is SQLite: ros2 bag convert makes MCAP of a ROS bag")
+def _text_of(data: bytes, path: Path) -> tuple[str, str]:
+    """Return the text, and the name, of a file, or of the one in an archive that has the data."""
+    name = path.name
+    other = [what for begins, what in _OTHERS.items() if data.startswith(begins)]
+    if other := other + [what for part, what in _XML.items() if part in data[:300]]:
+        raise ValueError(f"{path} is {other[0]}")
     try:
         if data.startswith(b"PK"):
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -98,9 +123,10 @@ def _text_of(data: bytes, path: Path) -> str:
                 found = [n for n in names if n.endswith(".csv") and not n.startswith("meta/")]
                 if not found:
                     raise ValueError(f"{path} must have a CSV file, got {', '.join(names[:9])}")
-                if archive.getinfo(found[0]).file_size > MAX_BYTES:
+                name = min(found, key=lambda each: "gyro" not in each.lower())
+                if archive.getinfo(name).file_size > MAX_BYTES:
                     raise ValueError(f"{path} must have at most {MAX_BYTES} bytes")
-                data = archive.read(found[0])
+                data = archive.read(name)
         elif data[257:262] == b"ustar":
             with tarfile.open(fileobj=io.BytesIO(data)) as archive:
                 documents = (archive.extractfile(one) for one in archive if one.isfile())
@@ -110,8 +136,10 @@ def _text_of(data: bytes, path: Path) -> str:
         raise ValueError(f"{path} is an archive that cannot be read: {error}") from error
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
-        return data.decode(encoding)
+        return data.decode(encoding), name
     except UnicodeDecodeError as error:
+        if encoding != "utf-16" and b"\0" not in data:  # a degree sign of Windows
+            return data.decode("cp1252", "replace"), name
         raise ValueError(
             f"{path} must be a CSV file in UTF-8, or an export of a program for measurements; "
             f"save it as CSV in UTF-8: {error}"
@@ -159,9 +187,14 @@ def _tracker(text: str) -> Table | None:
     if names[0] != "t":
         return None
     tracks = [k for k, cell in enumerate(heads[0].split(separator)) if cell.strip()]
-    rows = _numbers(lines[several + 2 :], separator, len(names))
-    if rows is None:
+    every = range(len(names))
+    cells = [
+        _fitted(_cells(line, separator), len(names), separator) for line in lines[several + 2 :]
+    ]
+    values = [_values(one, every, separator != ",") for one in cells]
+    if None in values or not values:
         return None
+    rows = np.array(values, np.float64)
     columns = [
         Column(name, rows[:, k], track=max(0, sum(t <= k for t in tracks) - 1) if several else 0)
         for k, name in enumerate(names)
@@ -170,50 +203,92 @@ def _tracker(text: str) -> Table | None:
 
 
 def _separated(text: str) -> Table | None:
-    """Rows of cells below a line with their names, or without one; comments before them."""
+    """Rows of cells below a line with their names, or without one; other lines before them."""
     lines = [line for line in text.splitlines() if line.strip()]
-    if lines and re.fullmatch(r"sep=.", lines[0].strip()):
-        del lines[0]
-    comments = [*takewhile(lambda line: line.lstrip()[:1] in ("%", "#"), lines)]
-    body = lines[len(comments) :]
-    for separator in _SEPARATORS:
-        head = [cell.strip().strip('"') for cell in _cells(body[0], separator)] if body else []
-        if len(head) < 2:
-            continue
-        named = any(_number(cell) is None for cell in head)
-        rows = _numbers(body[named:], separator, len(head))
-        if rows is None or not len(rows):
-            continue
-        if named:
-            return _of_runs("a table", head, rows)
-        if comments and (head := comments[-1].lstrip("%# \t").split()):
-            lead = rows.shape[1] - len(head)
-            if len(head) == 4 and rows.shape[1] == 10:  # trial and time stand before angles
-                head, lead = ["trial", "time", *head, *(f"({k})" for k in range(4))], 0
-            if lead == 0:
-                return _of_runs("a table of blanks", head, rows)
-        names = [str(k + 1) for k in range(rows.shape[1])]
-        columns = [Column(name, cells) for name, cells in zip(names, rows.T, strict=True)]
-        return Table("a table without names", columns, named=False)
-    return None
+    return next((t for s in _SEPARATORS if (t := _split(lines, s)) is not None), None)
+
+
+def _split(lines: Sequence[str], separator: str | None) -> Table | None:
+    """Return the table in lines with this separator, None where they have another one.
+
+    Columns of text are left out. So are the few lines among the rows that are none: a head that
+    stands twice, or a last line that was cut.
+    """
+    some = lines[len(lines) // 3 :: max(1, len(lines) // 60)]
+    sample = [_cells(line, separator) for line in some]
+    width = statistics.mode(map(len, sample))
+    typical = [list(cells) for cells in zip(*(c for c in sample if len(c) == width), strict=True)]
+    while typical and not any(cell.strip() for cell in typical[-1]):
+        typical.pop()  # the separator stands at the end, too
+    width, comma = len(typical), separator != ","
+    read = [_share(cells, comma) for cells in typical]
+    numbers = [k for k in range(width) if read[k] >= _NUMBERS]
+    if width < 2 or not numbers:
+        return None
+    rows = [_fitted(_cells(line, separator), width, separator) for line in lines]
+    values = [_values(cells, numbers, comma) for cells in rows]
+    first = next((k for k, one in enumerate(values) if one is not None), len(rows))
+    used = [k for k in range(first, len(rows)) if values[k] is not None]
+    names, heads = _names(lines[:first], width, separator)
+    lost = sum(one is None and line not in heads for line, one in zip(lines, values, strict=True))
+    lost -= lines.index(heads[0]) if heads else first
+    if lost > max(2.0, _FEW * len(used)) or (not heads and len(numbers) < width):
+        return None
+    columns = dict(zip(numbers, np.array([values[k] for k in used], np.float64).T, strict=True))
+    for k in set(range(width)) - set(numbers):
+        instants = _instants([rows[row][k] for row in used])
+        columns |= {} if instants is None else {k: instants}
+    if not heads:
+        unnamed = [Column(str(k + 1), column) for k, column in columns.items()]
+        return Table("a table without names", unnamed, named=False, lost=lost)
+    source = "a table of blanks" if heads[-1].lstrip()[:1] in _COMMENT else "a table"
+    order = sorted(columns)
+    return _of_runs(source, [names[k] for k in order], [columns[k] for k in order], lost)
+
+
+def _names(lines: Sequence[str], width: int, separator: str | None) -> tuple[list[str], list[str]]:
+    """Return names of columns, and which of the lines above them have them, and perhaps units."""
+    heads, found = list[str](), list[list[str]]()
+    for line in reversed(lines[-_PREAMBLE:]):
+        comment = line.lstrip()[:1] in _COMMENT
+        for s in (separator, *_SEPARATORS) if comment else (separator,):
+            cells = _cells(line.lstrip("%# \t") if comment else line, s)
+            cells = [cell.strip().strip('"') for cell in cells]
+            while len(cells) > width and cells[-1] in ("", "Comment"):  # LabVIEW's last name
+                cells.pop()
+            if len(cells) == 4 and width == 10:  # trial and time stand before angles
+                cells = ["trial", "time", *cells, *(f"({k})" for k in range(4))]
+            if len(cells) == width and not any(_NUMBER.fullmatch(cell) for cell in cells):
+                heads, found = [line, *heads], [cells, *found]
+                break
+        if len(found) == 1 and not all(_IS_UNIT.fullmatch(cell) for cell in found[0]):
+            return found[0], heads
+        if len(found) == 2:
+            names = [f"{name} ({unit.strip('()[] ')})" for name, unit in zip(*found, strict=True)]
+            return names, heads
+        if comment and not found:  # what a program says of itself stands above names
+            break
+    return (found[0], heads) if found else ([], [])
 
 
 FORMATS: list[Callable[[str], Table | None]] = [_logger_pro, _tracker, _separated]
 
 
-def _of_runs(source: str, names: Sequence[str], rows: FloatArray) -> Table:
+def _of_runs(
+    source: str, names: Sequence[str], values: Sequence[FloatArray], lost: int = 0
+) -> Table:
     """Return a table whose columns may be of several runs: Capstone, Graphical Analysis."""
     columns, sets = list[Column](), dict[str, int]()
-    for name, values in zip(names, rows.T, strict=True):
+    for name, column in zip(names, values, strict=True):
         found = RUN.match(name)
         label = (found["run"] or found["set"] or "") if found else ""
         source = "Capstone" if found and found["run"] else source
         source = "Logger Pro or Graphical Analysis" if found and found["set"] else source
         sets.setdefault(label, len(sets))
-        columns.append(Column(name, values, sets[label]))
+        columns.append(Column(name, column, sets[label]))
     if any(name.lower().startswith("gyroscope") for name in names):
         source = "phyphox"
-    return Table(source, columns)
+    return Table(source, columns, lost=lost)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
@@ -225,19 +300,35 @@ def _cells(line: str, separator: str | None) -> list[str]:
     return line.split(separator)
 
 
-def _numbers(lines: Sequence[str], separator: str | None, width: int) -> FloatArray | None:
-    """Return the numbers of lines, NaN where a cell is empty; None where one is no number."""
-    out = list[list[float]]()
-    for line in lines:
-        cells = _cells(line, separator)
-        if len(cells) > width and not "".join(cells[width:]).strip():
-            cells = cells[:width]  # the separator stands at the end, too
-        cells += [""] * (width - len(cells)) if separator == "\t" else []
-        values = [_number(cell, decimal_comma=separator != ",") for cell in cells]
-        if len(values) != width or None in values:
-            return None
-        out.append([np.nan if value is None else value for value in values])
-    return np.array(out, np.float64).reshape(len(out), width)
+def _fitted(cells: list[str], width: int, separator: str | None) -> list[str]:
+    """Return cells without empty ones at the end; in a table of tabs with those that lack there."""
+    if len(cells) > width and not "".join(cells[width:]).strip():
+        return cells[:width]
+    return cells + [""] * (width - len(cells)) if separator == "\t" else cells
+
+
+def _values(cells: list[str], numbers: Sequence[int], comma: bool) -> list[float] | None:
+    """Return the numbers of a row, NaN where a cell is empty; None where one is no number."""
+    if len(cells) <= numbers[-1]:
+        return None
+    out = [_number(cells[k], decimal_comma=comma) for k in numbers]
+    return None if None in out else cast("list[float]", out)
+
+
+def _share(cells: Sequence[str], comma: bool) -> float:
+    """Return which part of cells are numbers, or empty."""
+    return sum(_number(cell, decimal_comma=comma) is not None for cell in cells) / len(cells)
+
+
+def _instants(cells: Sequence[str]) -> FloatArray | None:
+    """Return the seconds from the first date or clock time on; None where cells are no times."""
+    plain = [re.sub(r"(Z|[+-]\d\d:?\d\d)$", "", cell.strip().strip('"')) for cell in cells]
+    plain = [f"1970-01-01T{cell}" if re.match(r"\d\d:", cell) else cell for cell in plain]
+    try:
+        instants = np.array(plain, "datetime64[ns]")
+    except ValueError:
+        return None
+    return (instants - instants[0]) / np.timedelta64(1, "s")
 
 
 def _number(cell: str, *, decimal_comma: bool = True) -> float | None:

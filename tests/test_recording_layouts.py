@@ -1,0 +1,202 @@
+"""Layouts of files that public repositories have, each written with a simulated motion in it."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, simulate
+from npend_gym.identification import measure_swings, read_motion
+from npend_gym.identification.recordings import read_recording
+
+TIMES = np.arange(300) / 60.0
+ONE = simulate(Chain([0.5], [0.3], damping=0.0005), 0.5, 0.0, TIMES)
+SWING, SPEED = ONE.theta, ONE.omega[:, 0]
+BOTH = simulate(Chain([0.5, 0.3], [0.3, 0.2]), [0.7, 1.1], 0.0, TIMES)
+THREE = simulate(Chain.uniform(3, length=0.1), [0.3, -0.2, 0.4], 0.0, TIMES)
+BOB = 207.0 * np.column_stack([np.sin(SWING), np.cos(SWING)]) + [420.0, 90.0]  # pixels, y down
+FIRST, BEYOND = (
+    length * np.column_stack([np.sin(angle), -np.cos(angle)])
+    for length, angle in zip((444.0, 333.0), BOTH.theta.T, strict=True)
+)
+DAY = 1_647_055_180  # s since 1970
+RATES = np.outer(SPEED, [0.1, 0.97, -0.2]) + np.array([0.01, -0.02, 0.004])
+ZERO = np.zeros_like(TIMES)
+
+
+def table(head, *columns, separator=",", form=".8g", end="\n"):
+    """Text of a table; columns of text stay as they are."""
+    rows = zip(*(c if isinstance(c, list) else [format(v, form) for v in np.ravel(c).tolist()]
+                 for c in columns), strict=True)  # fmt: skip
+    return (head + end) * bool(head) + "".join(separator.join(row) + end for row in rows)
+
+
+def zipped(**files):
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w") as archive:
+        for name, text in files.items():
+            archive.writestr(f"{name}.csv", text)
+    return held.getvalue()
+
+
+def clock(form, day=DAY):
+    return [np.datetime64(round(1e6 * (day + t)), "us").item().strftime(form) for t in TIMES]
+
+
+def apart(text, at, added):
+    """Text with lines added at a place."""
+    lines = text.splitlines()
+    return "\n".join(lines[:at] + added + lines[at:]) + "\n"
+
+
+SENSORS = table("time,seconds_elapsed,z,y,x", [str(round(1e9 * (DAY + t))) for t in TIMES], TIMES,
+                RATES[:, 2], RATES[:, 1], RATES[:, 0])  # fmt: skip
+PLAIN = table("time,angle", TIMES, SWING)
+CART = ("# This is an experiment\n#\n# Units:\n# time: s\n"
+        + table("time,ms,angle_raw,angle,position,measurement,sent", TIMES, ZERO + 20.0, ZERO,
+                SWING, ZERO, ["idle:sp:-0.5:Q:0.0"] * 300, ["False"] * 300))  # fmt: skip
+
+# name of the case: file, its name, the angles, how far they may be off, and what is said
+CASES = {
+    "a phone's gyroscope": (SENSORS, "Gyroscope.csv", SWING, 0.03, "axis of the hinge"),
+    "sensors of a phone in a zip": (
+        zipped(Accelerometer=SENSORS, Gyroscope=SENSORS), "a.zip", SWING, 0.03, "integrated",
+    ),
+    "rates in degrees a second": (
+        table("t_ms,wx (°/s),wy (°/s),wz (°/s)", 1e3 * TIMES, *np.degrees(RATES).T), "a.csv", SWING,
+        0.03, "milliseconds",
+    ),
+    "an index, and angles that are all zero": (
+        table("Unnamed: 0,time,x,y,theta", np.arange(300), TIMES, BOB[:, 0], BOB[:, 1], ZERO),
+        "a.csv", SWING, 1e-3, "y down and the pivot at the centre",
+    ),
+    "time and angle without names": (
+        table("", TIMES, SWING, separator=", "), "a.csv", SWING, 1e-6, "without names",
+    ),
+    "time, x and y without names": (
+        table("", TIMES, BOB[:, 0], -BOB[:, 1], separator="\t", end="\r\n"), "a.txt", SWING, 1e-3,
+        "positions",
+    ),
+    "names after a hash": (
+        table("# t theta_rad", TIMES, SWING, separator=" "), "a.txt", SWING, 1e-6, "theta_rad",
+    ),
+    "names after a hash, commas": (
+        table("# time,theta", TIMES, SWING), "a.txt", SWING, 1e-6, "'theta', in radians",
+    ),
+    "microseconds of a microcontroller": (
+        table("packet,time_us, angle_deg", ZERO, 1e6 * TIMES + 492_306_565, np.degrees(SWING),
+              form=".12g"), "a.csv", SWING, 1e-6, "microseconds",
+    ),
+    "a joint of ROS": (
+        table("time,position,velocity,effort", TIMES, SWING, SPEED, ZERO), "a.csv", SWING, 1e-6,
+        "'position', in radians",
+    ),
+    "comments, text and a cart that rests": (CART, "a.csv", SWING, 1e-6, "'angle', in radians"),
+    "measured and simulated": (
+        table("temps_s,theta1_mesure_deg,theta1_simule_deg,theta2_mesure_deg,erreur_deg", TIMES,
+              np.degrees(BOTH.theta[:, 0]), ZERO, np.degrees(BOTH.theta[:, 1]), ZERO), "a.csv",
+        BOTH.theta, 1e-6, "'theta1_mesure_deg', 'theta2_mesure_deg', in degrees",
+    ),
+    "markers in another order": (
+        "\ufeff" + table("t;x_m2;y_m2;r_m2;x_m1;y_m1;r_m1", TIMES, *(FIRST + BEYOND).T, ZERO,
+                         *FIRST.T, ZERO, separator=";"), "a.csv", BOTH.theta, 1e-4, "444, 333 long",
+    ),
+    "dates": (
+        table("timestamp,angle", clock("%Y-%m-%dT%H:%M:%S.%fZ"), SWING), "a.csv", SWING,
+        1e-6, "angle",
+    ),
+    "clock times": (
+        table("time\tangle", clock("%H:%M:%S.%f"), SWING, separator="\t"), "a.txt", SWING,
+        1e-6, "time",
+    ),
+    "milliseconds since 1970": (
+        table("timestamp,angle", 1e3 * (TIMES + DAY), SWING, form=".17g"), "a.csv", SWING, 1e-6,
+        "milliseconds",
+    ),
+    "names twice, and a last line that is cut": (
+        apart(PLAIN, 100, ["time,angle"]) + "5.0", "a.csv", SWING, 1e-6, "1 lines are no rows",
+    ),
+    "units in a line of their own": (
+        table("Zeit;Winkel\nms;deg", 1e3 * TIMES, np.degrees(SWING), separator=";"), "a.csv", SWING,
+        1e-6, "'Winkel (deg)', in degrees",
+    ),
+    "a sample that was reported twice": (
+        apart(PLAIN, 201, [PLAIN.splitlines()[199]]), "a.csv", SWING, 1e-6, "1 rows are no later",
+    ),
+    "an angle in two units": (
+        table("Time (s),Angle (deg),Angle (rad)", TIMES, np.degrees(SWING), SWING), "a.csv", SWING,
+        1e-6, "'Angle (rad)', in radians",
+    ),
+    "turns": (table("t,angle (rev)", TIMES, SWING / (2 * np.pi)), "a.csv", SWING, 1e-6, "angle"),
+    "a file of Windows": (
+        table("Zeit (s);Winkel (°)", TIMES, np.degrees(SWING), separator=";").encode("cp1252"),
+        "a.csv", SWING, 1e-6, "in degrees",
+    ),
+    "a preamble": (
+        "Sample;7\nOperator;me\n\n" + table("t;theta", TIMES, SWING, separator=";"), "a.csv", SWING,
+        1e-6, "'theta', in radians",
+    ),
+    "rates of three links": (
+        table("time,omega1,omega2,omega3", TIMES, *THREE.omega.T), "a.csv", None, 0.0, "integrated",
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A function that writes text or bytes to a file and returns its path."""
+
+    def write(content, name="file.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_layout_of_a_public_file_is_read_as_the_motion_in_it(case, written):
+    content, name, truth, within, said = CASES[case]
+    read = read_recording(written(content, name))
+    assert said in read.said[0]
+    times = read.motion.times - read.motion.times[0]
+    assert times == pytest.approx(TIMES, abs=2e-5)
+    if truth is None:
+        assert read.motion.links == 3
+    else:
+        assert np.abs(read.motion.theta - truth).max() < within
+    assert read.motion.position is None
+
+
+def test_the_cart_of_a_recording_of_another_program_is_read_as_one_that_moves(written):
+    place = 0.1 * np.sin(3.0 * TIMES)
+    text = table("pwm, time_us, position, angle", ZERO, 1e6 * TIMES, place, SWING)
+    read = read_recording(written(text))
+    assert read.motion.position == pytest.approx(place, abs=1e-6)
+    assert "'position' is the position of a cart, in metres" in read.said[0]
+    with pytest.raises(ValueError, match="got a pivot, or a cart, that moves"):
+        measure_swings(read.motion)
+
+
+def test_times_that_begin_anew_are_another_recording(written):
+    read = read_recording(written(PLAIN + PLAIN.replace("time,angle\n", "")))
+    assert np.bincount(read.motion.piece).tolist() == [300, 300]
+    assert "these are 2 recordings" in read.said[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (SENSORS, "x, y and z may be places or the axes of a sensor"),
+        (table("t,theta,alpha", TIMES, SWING, SWING), "'theta' and 'alpha' seem to be the same"),
+        (table("t,angle (counts)", TIMES, SWING), "unit of the column 'angle (counts)' must"),
+        (table("t,gyro_x", TIMES, SWING), "rates of a gyroscope must be about x, y and z"),
+        (table("t,Acceleration x (m/s^2)", TIMES, SWING), "accelerations show no angle"),
+        (table("", SWING, TIMES, ZERO), "such as --columns time=1,theta0=2"),
+        (table("t,angle", TIMES, ["?"] * 9 + SWING[9:, 0].astype(str).tolist()), "must be a table"),
+    ],
+)  # fmt: skip
+def test_a_table_that_may_mean_two_things_is_refused_with_the_way_out(text, message, written):
+    with pytest.raises(ValueError, match=message.replace("(", r"\(").replace(")", r"\)")):
+        read_motion(written(text, "a.csv"))
