@@ -16,7 +16,6 @@ from npend_gym.compiled.gpu import DeviceKernel, require_device, simulated
 from npend_gym.physics.arguments import check_chains
 from npend_gym.physics.directions import KINDS
 from npend_gym.physics.kernels import layout, threads
-from npend_gym.physics.kernels.driven import Kept
 from npend_gym.physics.kernels.link_terms import count_terms
 from npend_gym.physics.step import Chains
 
@@ -332,5 +331,5 @@ def adjoint_kernel(terms: int, resisted: bool, dtype: str) -> DeviceKernel:
     """Return the kernel for chains with this number of arrays of terms, of any number of rods."""
     replaced = _known(resisted)
     # point masses are what stands where no number of terms is named
-    kinds = {KINDS[terms], Kept, *([terms] if terms else [])}
+    kinds = {KINDS[terms], *([terms] if terms else [])}
     return DeviceKernel(threads.adjoints(), kinds, dtype, replaced)

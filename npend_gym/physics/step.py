@@ -32,8 +32,7 @@ from npend_gym.physics.directions import (
 )
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.kernels.link_terms import Base, check_terms
-from npend_gym.physics.kernels.rk4 import TAPE_ROWS
-from npend_gym.physics.kernels.rk4_derivatives import adjoint_rows, tangent_rows
+from npend_gym.physics.kernels.rk4_derivatives import TAPE_ROWS, adjoint_rows, tangent_rows
 from npend_gym.physics.kernels.steps import (
     OWN_ROWS,
     STEP_ROWS,

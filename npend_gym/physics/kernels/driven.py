@@ -9,12 +9,7 @@ from typing import Any, NamedTuple
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import call_function
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
-from npend_gym.physics.kernels.dynamics import (
-    FEATURES,
-    AnyArrays,
-    accelerations,
-    accelerations_kept,
-)
+from npend_gym.physics.kernels.dynamics import FEATURES, AnyArrays, accelerations
 from npend_gym.physics.kernels.link_terms import Base, ChainArrays
 
 FORCE, ACROSS, UP = range(3)  # what stands after the torques on n joints
@@ -38,19 +33,13 @@ class Sampled(NamedTuple):
     loads: FloatArray
 
 
-class Kept(NamedTuple):
-    """Constant torques under which the stages of a step are kept, see `rk4.rk4_step`."""
-
-    loads: FloatArray
-
-
 class Listed(NamedTuple):
-    """What acts at each stage of a step, or at all of them."""
+    """What acts at each stage of a step, or at all of them; see `tape.Rods`."""
 
     rows: FloatArray  # (stages or 1, n or more)
 
 
-Torque = FloatArray | Driven | Sampled | Kept | Listed
+Torque = FloatArray | Driven | Sampled | Listed
 
 
 @inlined_kernel
@@ -116,7 +105,10 @@ def _steady_loads(
 def _listed_loads(
     t: float, q: FloatArray, u: FloatArray, torque: Listed, chain: AnyArrays, s: int
 ) -> FloatArray:
-    return torque.rows[min(s, torque.rows.shape[0] - 1)]
+    loads, n = torque.rows[min(s, torque.rows.shape[0] - 1)], chain.length.size
+    if loads.size == n + AFTER_TORQUES:
+        accelerate_base(chain, loads[n + ACROSS], loads[n + UP])
+    return loads
 
 
 @chosen_by_type(
@@ -136,28 +128,12 @@ def loads_at(
 
 
 @inlined_kernel
-def _at_instant(
-    t: float, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray,
-    alpha: FloatArray,
-) -> Any:  # fmt: skip
-    return accelerations(q, u, loads_at(t, q, u, torque, chain, 0), chain, work, alpha)
-
-
-@inlined_kernel
-def _kept(
-    t: float, q: FloatArray, u: FloatArray, torque: Kept, chain: AnyArrays, work: FloatArray,
-    alpha: FloatArray,
-) -> Any:  # fmt: skip
-    return accelerations_kept(q, u, torque.loads, chain, work, alpha)
-
-
-@chosen_by_type("torque", {0: _at_instant, Driven: _at_instant, Sampled: _at_instant, Kept: _kept})
 def driven_accelerations(
     t: float, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray,
     alpha: FloatArray,
 ) -> Any:  # fmt: skip
     """Do as `accelerations` at the instant `t`, with the torques and forces of that instant."""
-    raise NotImplementedError
+    return accelerations(q, u, loads_at(t, q, u, torque, chain, 0), chain, work, alpha)
 
 
 @inner_kernel

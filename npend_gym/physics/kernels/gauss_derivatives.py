@@ -27,8 +27,15 @@ from npend_gym.physics.kernels.gauss import (
     improve,
     weighted,
 )
-from npend_gym.physics.kernels.rk4 import ALPHA, OMEGA, STAGE_ROWS
-from npend_gym.physics.kernels.stages import SHARED_ROWS, change_stage, stage_of, take_poses
+from npend_gym.physics.kernels.stages import (
+    ALPHA,
+    OMEGA,
+    SHARED_ROWS,
+    STAGE_ROWS,
+    change_stage,
+    stage_of,
+    take_poses,
+)
 from npend_gym.physics.kernels.tangent import POSE_ROWS
 from npend_gym.physics.kernels.tape import Rods, Steps
 

@@ -1,6 +1,5 @@
 """The classical Runge-Kutta method of order 4 (the paper's appendix C, its Y_4 read as K_4)."""
 
-# ruff: noqa: ARG001  what stands for another function has its parameters
 from __future__ import annotations
 
 from typing import Any
@@ -10,15 +9,9 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import NumbersOf, aligned_zeros, bare, lane, packs
-from npend_gym.compiled.jit import (
-    chosen_by_type,
-    inlined_kernel,
-    inner_kernel,
-    kernel,
-    spliced_kernel,
-)
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of
-from npend_gym.physics.kernels.driven import Driven, Kept, Sampled, Torque, driven_accelerations
+from npend_gym.physics.kernels.driven import Torque, driven_accelerations
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, copy
 from npend_gym.physics.kernels.pairs import Pair, pair
 
@@ -26,11 +19,6 @@ from npend_gym.physics.kernels.pairs import Pair, pair
 # coordinates of the stage; then the rows of `accelerations`
 K_4, OMEGA_2, _THETA, WORK = 3, 4, 7, 8
 RK4_ROWS = WORK + WORK_ROWS
-
-# Rows of a stage that is kept: those of `accelerations_kept`, its accelerations and velocities; of
-# the four stages, and of coordinates
-ALPHA, OMEGA, STAGE_ROWS = WORK_ROWS + 1, WORK_ROWS + 2, WORK_ROWS + 3
-TAPE_ROWS = 4 * STAGE_ROWS + 1
 
 # As its derivatives need it: without an estimate of the error
 RK4: Pair = pair(
@@ -55,26 +43,9 @@ def _next_stage(
 
 
 @inlined_kernel
-def _passing_rows(torque: Torque, k: int) -> tuple[int, int, int, int]:
-    return WORK, k, OMEGA_2 - 1 + k, _THETA
-
-
-@inlined_kernel
-def _kept_rows(torque: Torque, k: int) -> tuple[int, int, int, int]:
-    first = k * STAGE_ROWS
-    return first, first + ALPHA, first + OMEGA, 4 * STAGE_ROWS
-
-
-@chosen_by_type(
-    "torque",
-    {0: _passing_rows, Driven: _passing_rows, Sampled: _passing_rows, Kept: _kept_rows},
-)
-def _rows_of(torque: Torque, k: int) -> tuple[int, int, int, int]:
-    """Return where stage `k` has what `accelerations` needs, its accelerations, its velocities.
-
-    The last is where the coordinates of all stages stand.
-    """
-    raise NotImplementedError
+def rk4_sum(first: Any, second: Any, third: Any, fourth: Any) -> Any:
+    """Return six times the mean of a quantity over the step, from its values at the stages."""
+    return (first + fourth) + 2.0 * (second + third)
 
 
 @spliced_kernel
@@ -85,33 +56,28 @@ def rk4_step(
     """Advance a chain, or a pack of them, by one step of `h` seconds from `t`, in place.
 
     `scratch` has RK4_ROWS rows of n + 2 or more. Afterwards the accelerations at the start of the
-    step are in its row 0, those of the last stage, near those at the end, in row K_4. Where
-    `torque` is `Kept` it has TAPE_ROWS, in which all stages are left, but for the velocities of the
-    first: they are those at the start. A loop over the stages would be compiled sooner, and a tenth
-    slower for short chains.
+    step are in its row 0, those of the last stage, near those at the end, in row K_4. A loop over
+    the stages would be compiled sooner, and a tenth slower for short chains.
 
     Return the energy that drag takes in the step [J].
     """
     n = theta.size
-    work_1, at_1, _, at_x = _rows_of(torque, 0)
-    work_2, at_2, v_2, _ = _rows_of(torque, 1)
-    work_3, at_3, v_3, _ = _rows_of(torque, 2)
-    work_4, at_4, v_4, _ = _rows_of(torque, 3)
-    a1, a2, a3, a4 = scratch[at_1], scratch[at_2], scratch[at_3], scratch[at_4]
-    w2, w3, w4, x = scratch[v_2], scratch[v_3], scratch[v_4], scratch[at_x][:n]
-    power_1 = driven_accelerations(t, theta, omega, torque, chain, scratch[work_1:], a1)
+    a1, a2, a3, a4 = scratch[0], scratch[1], scratch[2], scratch[K_4]
+    w2, w3, w4 = scratch[OMEGA_2], scratch[OMEGA_2 + 1], scratch[OMEGA_2 + 2]
+    x, work = scratch[_THETA][:n], scratch[WORK:]
+    power_1 = driven_accelerations(t, theta, omega, torque, chain, work, a1)
     _next_stage(theta, omega, omega, a1, 0.5 * h, x, w2)
-    power_2 = driven_accelerations(t + 0.5 * h, x, w2, torque, chain, scratch[work_2:], a2)
+    power_2 = driven_accelerations(t + 0.5 * h, x, w2, torque, chain, work, a2)
     _next_stage(theta, omega, w2, a2, 0.5 * h, x, w3)
-    power_3 = driven_accelerations(t + 0.5 * h, x, w3, torque, chain, scratch[work_3:], a3)
+    power_3 = driven_accelerations(t + 0.5 * h, x, w3, torque, chain, work, a3)
     _next_stage(theta, omega, w3, a3, h, x, w4)
-    power_4 = driven_accelerations(t + h, x, w4, torque, chain, scratch[work_4:], a4)
+    power_4 = driven_accelerations(t + h, x, w4, torque, chain, work, a4)
     sixth = h / 6.0
     for i in range(n):
-        theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
+        theta[i] += sixth * rk4_sum(omega[i], w2[i], w3[i], w4[i])
     for i in range(n):
-        omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
-    return sixth * ((power_1 + power_4) + 2.0 * (power_2 + power_3))
+        omega[i] += sixth * rk4_sum(a1[i], a2[i], a3[i], a4[i])
+    return sixth * rk4_sum(power_1, power_2, power_3, power_4)
 
 
 # Weights of the stages in the rows of the polynomial between the ends of a step, as `interpolate`

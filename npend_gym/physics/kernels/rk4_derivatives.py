@@ -8,28 +8,34 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, spliced_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.advance import MAX_PARTS, substep_parts
-from npend_gym.physics.kernels.driven import Kept
 from npend_gym.physics.kernels.dynamics import AnyArrays, copy
 from npend_gym.physics.kernels.layout import Group, Timing
-from npend_gym.physics.kernels.rk4 import OMEGA, TAPE_ROWS, rk4_step
+from npend_gym.physics.kernels.rk4 import rk4_step, rk4_sum
 from npend_gym.physics.kernels.stages import (
+    ALPHA,
+    OMEGA,
     SHARED_ROWS,
-    change_stage,
-    return_stage,
+    STAGE_ROWS,
+    change_stages,
+    gather,
+    return_stages,
+    spread,
+    stage_of,
     take_poses,
+    take_stages,
 )
 from npend_gym.physics.kernels.tangent import POSE_ROWS
 
-_OFFSETS = (0.0, 0.5, 0.5, 1.0, 0.0)  # where in the step each stage is; there is none after four
-_WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
+# The tableau of `rk4.RK4` and its weights: tuples, which are constants on a GPU too
+_A = (0.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.0), (0.0, 0.5, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)
+_END = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
+TAPE_ROWS = 4 * STAGE_ROWS
 
-# Rows of the work space of one group: those of `stages`; a change of the state or the derivatives
-# by it, at the start or end of a step and at a stage; the change of the accelerations of a stage,
-# or the derivatives by them; the state on its way; in how many parts each lane takes the substep;
-# the poses of the four stages; then the tapes
-_Q, _U, _Q_STAGE, _U_STAGE, _ALPHA, _THETA, _OMEGA_NOW, _PARTS, _POSES = range(
-    SHARED_ROWS, SHARED_ROWS + 9
-)
+# Rows of the work space of one group: those of `stages`; coordinates of a stage, their change or
+# derivatives by them; the state on its way; in how many parts each lane takes the substep; two rows
+# of slopes and the pose for each stage; then the tapes
+_X, _THETA, _OMEGA_NOW, _PARTS, _SLOPES = range(SHARED_ROWS, SHARED_ROWS + 5)
+_POSES = _SLOPES + 8
 TAPE = _POSES + 4 * POSE_ROWS
 
 
@@ -41,19 +47,29 @@ def _part_length(parts: Any, part: int, timing: FloatArray) -> Any:
 
 @inner_kernel
 def _kept_step(
-    theta: FloatArray, omega: FloatArray, h: Any, torque: FloatArray, chain: AnyArrays,
+    q: FloatArray, u: FloatArray, h: Any, torque: FloatArray, chain: AnyArrays, x: FloatArray,
     tape: FloatArray,
 ) -> None:  # fmt: skip
-    """Take a Runge-Kutta step in place, and keep its stages in `tape`."""
-    copy(omega, tape[OMEGA])
-    rk4_step(0.0, theta, omega, h, Kept(torque), chain, tape)
+    """Take a Runge-Kutta step in place with the bits of `rk4_step`; keep its stages in `tape`."""
+    take_stages(h, _A, 4, q, u, torque, chain, x, tape)
+    one, two, three, four = (
+        stage_of(tape, 0),
+        stage_of(tape, 1),
+        stage_of(tape, 2),
+        stage_of(tape, 3),
+    )
+    sixth = h / 6.0
+    for i in range(q.size):
+        q[i] += sixth * rk4_sum(one[OMEGA, i], two[OMEGA, i], three[OMEGA, i], four[OMEGA, i])
+        u[i] += sixth * rk4_sum(one[ALPHA, i], two[ALPHA, i], three[ALPHA, i], four[ALPHA, i])
 
 
 @inlined_kernel
 def _take_part(group: Group, h: Any, rest: FloatArray, tape: FloatArray) -> None:
     """Take a part of a substep from the state in `rest`."""
-    theta, omega = rest[_THETA][: group.theta.size], rest[_OMEGA_NOW][: group.theta.size]
-    _kept_step(theta, omega, h, group.torque, group.chain, tape)
+    size = group.theta.size
+    q, u, x = rest[_THETA][:size], rest[_OMEGA_NOW][:size], rest[_X][:size]
+    _kept_step(q, u, h, group.torque, group.chain, x, tape)
 
 
 @inlined_kernel
@@ -61,25 +77,13 @@ def _change(
     h: Any, group: Group, tape: FloatArray, q: FloatArray, u: FloatArray, pushed: FloatArray,
     changed: FloatArray, rest: FloatArray,
 ) -> None:  # fmt: skip
-    """Carry changes of `q` and `u` at the start of a Runge-Kutta step to its end, in place.
-
-    The general method of `tape` would take a twentieth longer, for its sums over all stages.
-    """
-    size, poses = q.size, rest[_POSES:]
-    turned, sped, gained = rest[_Q_STAGE][:size], rest[_U_STAGE][:size], rest[_ALPHA][:size]
-    q_start, u_start = rest[_Q], rest[_U]
-    for i in range(size):
-        q_start[i], u_start[i] = q[i], u[i]
-        turned[i], sped[i] = q[i], u[i]
-    for s in range(4):
-        change_stage(
-            s, group.chain, group.mass, tape, poses, turned, sped, pushed, changed, gained, rest
-        )
-        part, weight = _OFFSETS[s + 1] * h, _WEIGHTS[s] * h
-        for i in range(size):
-            by_speed, by_gain = sped[i], gained[i]
-            q[i], u[i] = q[i] + weight * by_speed, u[i] + weight * by_gain
-            turned[i], sped[i] = q_start[i] + part * by_speed, u_start[i] + part * by_gain
+    """Carry changes of `q` and `u` at the start of a Runge-Kutta step to its end, in place."""
+    slopes = rest[_SLOPES:]
+    change_stages(
+        h, _A, 4, group.chain, group.mass, tape, rest[_POSES:], q, u, pushed, changed,
+        rest[_X][: q.size], slopes, rest,
+    )  # fmt: skip
+    gather(_END, h, slopes, q, u, 4)
 
 
 @inlined_kernel
@@ -91,22 +95,13 @@ def _return(
 
     They are by theta, omega and, added up, the torques.
     """
-    size, q_end, u_end = group.theta.size, rest[_Q], rest[_U]
-    q_bar, u_bar, torque_bar = bars[0][:size], bars[1][:size], bars[2][:size]
-    x, w, bar = rest[_Q_STAGE][:size], rest[_U_STAGE][:size], rest[_ALPHA][:size]
-    weight = _WEIGHTS[3] * h
-    for i in range(size):
-        q_end[i], u_end[i] = q_bar[i], u_bar[i]
-        w[i], bar[i] = weight * q_bar[i], weight * u_bar[i]
-    for back in range(4):
-        s = 3 - back
-        return_stage(s, group.chain, group.mass, tape, bar, x, w, torque_bar, chain_bar, rest)
-        part, weight = _OFFSETS[s] * h, _WEIGHTS[s - 1] * h
-        for i in range(size):
-            by_q, by_u = x[i], w[i]
-            q_bar[i], u_bar[i] = q_bar[i] + by_q, u_bar[i] + by_u
-            w[i] = weight * q_end[i] + part * by_q
-            bar[i] = weight * u_end[i] + part * by_u
+    size, slopes = group.theta.size, rest[_SLOPES:]
+    q_bar, u_bar = bars[0][:size], bars[1][:size]
+    spread(_END, h, q_bar, u_bar, slopes, 4, True)
+    return_stages(
+        h, _A, 4, group.chain, group.mass, tape, q_bar, u_bar, bars[2:3], chain_bar,
+        rest[_X][:size], slopes, rest,
+    )  # fmt: skip
 
 
 @inlined_kernel

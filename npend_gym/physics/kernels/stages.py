@@ -1,22 +1,37 @@
-"""One stage of a Runge-Kutta step, kept: a change carried through it, a gradient taken back.
+"""A Runge-Kutta step, kept: a change carried through it, a gradient taken back.
 
 A step of an explicit method begins at y and has the stages and the end
 
     y_s = y + h sum_j a_sj k_j,   k_s = f(y_s),   y' = y + h sum_s b_s k_s.
 
 Lengths of steps are held fixed. A change dy then goes the same way, with d k_s = (df/dy) d y_s, and
-the gradient goes the way back.
+the gradient goes the way back. What lies within a step by dense output is linear in the same k_s,
+with weights of its own.
+
+A method is the rows a_s and its weights b, arrays or tuples, and how many stages count. Of each
+stage two rows of `slopes` are what belongs to its k: changes of q' and u', or derivatives by them.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.jit import inlined_kernel, spliced_kernel
 from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
-from npend_gym.physics.kernels.dynamics import ANSWER_ROWS, AnyArrays, respond
-from npend_gym.physics.kernels.rk4 import ALPHA, OMEGA, STAGE_ROWS
+from npend_gym.physics.kernels.driven import Torque, loads_at
+from npend_gym.physics.kernels.dynamics import (
+    ANSWER_ROWS,
+    WORK_ROWS,
+    AnyArrays,
+    accelerations_kept,
+    copy,
+    respond,
+)
 from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
 
+# Rows of a stage that is kept: those of `accelerations_kept`, its accelerations and velocities
+ALPHA, OMEGA, STAGE_ROWS = WORK_ROWS + 1, WORK_ROWS + 2, WORK_ROWS + 3
 # Rows of the work space: what `respond` leaves, which comes first; a force, or what `respond` makes
 # of derivatives by accelerations; what tangents or adjoints need
 _FORCE, _OUT = ANSWER_ROWS, ANSWER_ROWS + 1
@@ -27,6 +42,28 @@ SHARED_ROWS = _OUT + max(4, ADJOINT_ROWS)
 def stage_of(tape: FloatArray, s: int) -> FloatArray:
     """Return the rows of a stage that is kept."""
     return tape[s * STAGE_ROWS : (s + 1) * STAGE_ROWS]
+
+
+@inlined_kernel
+def take_stages(
+    h: Any, a: Any, count: int, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays,
+    x: FloatArray, tape: FloatArray,
+) -> None:  # fmt: skip
+    """Evaluate the stages of a step from `q` and `u`, and keep them in `tape`; `x` is for work."""
+    m = q.size
+    for s in range(count):
+        stage, row = stage_of(tape, s), a[s]
+        w = stage[OMEGA][:m]
+        copy(q, x)
+        copy(u, w)
+        for j in range(s):
+            if row[j] != 0.0:
+                before, weight = stage_of(tape, j), h * row[j]
+                for i in range(m):
+                    x[i] += weight * before[OMEGA][i]
+                    w[i] += weight * before[ALPHA][i]
+        loads = loads_at(0.0, x, w, torque, chain, s)
+        accelerations_kept(x, w, loads, chain, stage, stage[ALPHA][:m])
 
 
 @inlined_kernel
@@ -68,3 +105,75 @@ def return_stage(
         stage[OMEGA][:m], stage[ALPHA][:m], lam, chain, mass, stage, rows, rows[_OUT:], q_bar,
         u_bar, load_bar, chain_bar,
     )  # fmt: skip
+
+
+@inlined_kernel
+def gather(
+    weights: Any, h: Any, slopes: FloatArray, q: FloatArray, u: FloatArray, count: int
+) -> None:
+    """Add h sum_s weights_s k_s to `q` and `u`."""
+    for s in range(count):
+        if weights[s] != 0.0:
+            weight, faster, gained = h * weights[s], slopes[2 * s], slopes[2 * s + 1]
+            for i in range(q.size):
+                q[i] += weight * faster[i]
+                u[i] += weight * gained[i]
+
+
+@inlined_kernel
+def change_stages(
+    h: Any, a: Any, count: int, chain: AnyArrays, mass: FloatArray, tape: FloatArray,
+    poses: FloatArray, q: FloatArray, u: FloatArray, pushed: FloatArray, changed: FloatArray,
+    x: FloatArray, slopes: FloatArray, rows: FloatArray,
+) -> None:  # fmt: skip
+    """Write how each k changes with changes `q` and `u` of the state at the start of a step."""
+    for s in range(count):
+        sped = slopes[2 * s][: q.size]
+        copy(q, x)
+        copy(u, sped)
+        gather(a[s], h, slopes, x, sped, s)
+        gained = slopes[2 * s + 1][: q.size]
+        change_stage(s, chain, mass, tape, poses, x, sped, pushed, changed, gained, rows)
+
+
+@inlined_kernel
+def spread(
+    weights: Any, h: Any, q_bar: FloatArray, u_bar: FloatArray, slopes: FloatArray, count: int,
+    first: bool,
+) -> None:  # fmt: skip
+    """Add the derivatives by each k, from those by what `gather` leads to; the `first` are all."""
+    for s in range(count):
+        weight, faster, gained = h * weights[s], slopes[2 * s], slopes[2 * s + 1]
+        for i in range(q_bar.size):
+            if first:
+                faster[i], gained[i] = weight * q_bar[i], weight * u_bar[i]
+            else:
+                faster[i] += weight * q_bar[i]
+                gained[i] += weight * u_bar[i]
+
+
+@inlined_kernel
+def return_stages(
+    h: Any, a: Any, count: int, chain: AnyArrays, mass: FloatArray, tape: FloatArray,
+    q_bar: FloatArray, u_bar: FloatArray, load_bars: FloatArray, chain_bar: FloatArray,
+    x: FloatArray, slopes: FloatArray, rows: FloatArray,
+) -> None:  # fmt: skip
+    """Take derivatives by each k of a step back, and add them to those by its start.
+
+    `load_bars` has a row for the loads of each stage, or one for their sum.
+    """
+    m = q_bar.size
+    for back in range(count):
+        s = count - 1 - back
+        w, bar, row = slopes[2 * s][:m], slopes[2 * s + 1][:m], a[s]
+        load_bar = load_bars[min(s, load_bars.shape[0] - 1)]
+        return_stage(s, chain, mass, tape, bar, x, w, load_bar, chain_bar, rows)
+        for i in range(m):
+            q_bar[i] += x[i]
+            u_bar[i] += w[i]
+        for j in range(s):
+            if row[j] != 0.0:
+                weight, faster, gained = h * row[j], slopes[2 * j], slopes[2 * j + 1]
+                for i in range(m):
+                    faster[i] += weight * x[i]
+                    gained[i] += weight * w[i]

@@ -9,8 +9,14 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import kernel
 from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, accelerations_kept, copy
-from npend_gym.physics.kernels.rk4 import ALPHA, OMEGA, STAGE_ROWS
-from npend_gym.physics.kernels.stages import SHARED_ROWS, change_stage, take_poses
+from npend_gym.physics.kernels.stages import (
+    ALPHA,
+    OMEGA,
+    SHARED_ROWS,
+    STAGE_ROWS,
+    change_stage,
+    take_poses,
+)
 from npend_gym.physics.kernels.tangent import POSE_ROWS
 from npend_gym.physics.kernels.tensions import TENSIONS
 
