@@ -83,7 +83,7 @@ def _change(
         h, _A, 4, group.chain, group.mass, tape, rest[_POSES:], q, u, pushed, changed,
         rest[_X][: q.size], slopes, rest,
     )  # fmt: skip
-    gather(_END, h, slopes, q, u, 4)
+    gather(_END, h, slopes, 4, q, u, q, u)
 
 
 @inlined_kernel

@@ -109,15 +109,23 @@ def return_stage(
 
 @inlined_kernel
 def gather(
-    weights: Any, h: Any, slopes: FloatArray, q: FloatArray, u: FloatArray, count: int
-) -> None:
-    """Add h sum_s weights_s k_s to `q` and `u`."""
+    weights: Any, h: Any, slopes: FloatArray, count: int, q: FloatArray, u: FloatArray,
+    x: FloatArray, w: FloatArray,
+) -> None:  # fmt: skip
+    """Write `q` and `u` plus h sum_s weights_s k_s into `x` and `w`, which may be the same rows."""
+    begun = False
     for s in range(count):
         if weights[s] != 0.0:
             weight, faster, gained = h * weights[s], slopes[2 * s], slopes[2 * s + 1]
             for i in range(q.size):
-                q[i] += weight * faster[i]
-                u[i] += weight * gained[i]
+                if begun:
+                    x[i], w[i] = x[i] + weight * faster[i], w[i] + weight * gained[i]
+                else:
+                    x[i], w[i] = q[i] + weight * faster[i], u[i] + weight * gained[i]
+            begun = True
+    if not begun:
+        copy(q, x)
+        copy(u, w)
 
 
 @inlined_kernel
@@ -128,11 +136,8 @@ def change_stages(
 ) -> None:  # fmt: skip
     """Write how each k changes with changes `q` and `u` of the state at the start of a step."""
     for s in range(count):
-        sped = slopes[2 * s][: q.size]
-        copy(q, x)
-        copy(u, sped)
-        gather(a[s], h, slopes, x, sped, s)
-        gained = slopes[2 * s + 1][: q.size]
+        sped, gained = slopes[2 * s][: q.size], slopes[2 * s + 1][: q.size]
+        gather(a[s], h, slopes, s, q, u, x, sped)
         change_stage(s, chain, mass, tape, poses, x, sped, pushed, changed, gained, rows)
 
 

@@ -14,7 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.physics.kernels.driven import Listed
-from npend_gym.physics.kernels.dynamics import AnyArrays, copy
+from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.stages import (
     SHARED_ROWS,
     STAGE_ROWS,
@@ -121,9 +121,7 @@ def carry_changes(
             for f in range(first, last + 1):  # the last of them is the end of the step
                 to = frames[f, d] if f < last else change
                 weights = steps.weights[f] if f < last else steps.end
-                if f < last:
-                    copy(change, to)
-                gather(weights, h, parts.slopes, to[:m], to[m:], count)
+                gather(weights, h, parts.slopes, count, change[:m], change[m:], to[:m], to[m:])
         first = last
 
 
