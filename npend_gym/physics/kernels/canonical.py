@@ -22,7 +22,7 @@ complex then: a change is so small an imaginary part that its square vanishes be
 
 # numbers are floats, packs or complex, which pyright does not follow
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
-# ruff: noqa: ARG001  what stands for another function has its parameters
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, outlined_kern
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.laws import STIFFNESS, Parameter
 from npend_gym.physics.kernels.link_terms import AnyArrays, Base, Link, Rotor
-from npend_gym.physics.kernels.virtual_power import KINDS, count_rods_of
+from npend_gym.physics.kernels.virtual_power import KINDS
 
 _SMALL = 2.0**-400  # the part of a change that is added to a number
 SWEEP_ROWS = 4  # of the work space: momenta of each link, each as two parts
@@ -48,153 +48,127 @@ class Change(NamedTuple):
     parameters: FloatArray  # rows of `Parameter`, or none
 
 
-@inlined_kernel
-def _value(x: Any, change: None, which: int, row: int, i: int, scale: Any) -> Any:
-    return x
-
-
-@inlined_kernel
-def _changed_value(x: Any, change: Change, which: int, row: int, i: int, scale: Any) -> Any:
-    grown = 0.0
-    if which == _Q:
-        grown = change.q[i]
-    elif which == _U:
-        grown = change.u[i]
-    elif which == _LOAD:
-        grown = change.loads[i]
-    elif change.parameters.shape[0] > row:
-        grown = change.parameters[row, i]
-    return complex(x, _SMALL * (scale * grown))
-
-
 _Q, _U, _LOAD, _PARAMETER = range(4)
 
 
-@chosen_by_type("change", {0: _value, Change: _changed_value})
-def _number(x: Any, change: Change | None, which: int, row: int, i: int, scale: Any) -> Any:
-    """Return a number that may change: an entry of q, u or the loads, or a row of parameters."""
-    raise NotImplementedError
+def _numbers_of(changed: bool) -> tuple[Any, Any, Any, Any]:
+    """Return how numbers are read, kept for a while, taken again and written: they or changes."""
+
+    @inlined_kernel
+    def number(x: Any, change: Any, which: int, row: int, i: int, scale: Any) -> Any:
+        """Return a number that may change: an entry of q, u or the loads, or of parameters."""
+        value = x
+        if changed:
+            grown = 0.0
+            if which == _Q:
+                grown = change.q[i]
+            elif which == _U:
+                grown = change.u[i]
+            elif which == _LOAD:
+                grown = change.loads[i]
+            elif change.parameters.shape[0] > row:
+                grown = change.parameters[row, i]
+            value = complex(x, _SMALL * (scale * grown))
+        return value
+
+    @inlined_kernel
+    def keep(x: Any, row: FloatArray, more: FloatArray, i: int) -> None:
+        if changed:
+            row[i], more[i] = x.real, x.imag
+        else:
+            row[i] = x
+
+    @inlined_kernel
+    def kept(row: FloatArray, more: FloatArray, i: int) -> Any:
+        value = row[i]
+        if changed:
+            value = complex(row[i], more[i])
+        return value
+
+    @inlined_kernel
+    def write(x: Any, out: FloatArray, i: int) -> None:
+        if changed:
+            out[i] = x.imag / _SMALL
+        else:
+            out[i] = x
+
+    return number, keep, kept, write
 
 
-@inlined_kernel
-def _put(x: Any, change: None, row: FloatArray, more: FloatArray, i: int) -> None:
-    row[i] = x
-
-
-@inlined_kernel
-def _put_parts(x: Any, change: Change, row: FloatArray, more: FloatArray, i: int) -> None:
-    row[i], more[i] = x.real, x.imag
-
-
-@chosen_by_type("change", {0: _put, Change: _put_parts})
-def _keep(x: Any, change: Change | None, row: FloatArray, more: FloatArray, i: int) -> None:
-    """Keep a number, or both its parts."""
-    raise NotImplementedError
-
-
-@inlined_kernel
-def _got(change: None, row: FloatArray, more: FloatArray, i: int) -> Any:
-    return row[i]
-
-
-@inlined_kernel
-def _got_parts(change: Change, row: FloatArray, more: FloatArray, i: int) -> Any:
-    return complex(row[i], more[i])
-
-
-@chosen_by_type("change", {0: _got, Change: _got_parts})
-def _kept(change: Change | None, row: FloatArray, more: FloatArray, i: int) -> Any:
-    """The number that `_keep` kept."""
-    raise NotImplementedError
-
-
-@inlined_kernel
-def _write(x: Any, change: None, out: FloatArray, i: int) -> None:
-    out[i] = x
-
-
-@inlined_kernel
-def _write_change(x: Any, change: Change, out: FloatArray, i: int) -> None:
-    out[i] = x.imag / _SMALL
-
-
-@chosen_by_type("change", {0: _write, Change: _write_change})
-def _result(x: Any, change: Change | None, out: FloatArray, i: int) -> None:
-    """Write a number, or its change."""
-    raise NotImplementedError
-
-
-def _rod_of(ideal: bool) -> Callable[..., Any]:
+def _rod_of(ideal: bool, number: Any) -> Callable[..., Any]:
     """Return `rod` for one kind of chains."""
 
     @inlined_kernel
     def rod(chain: Any, change: Any, i: int) -> Any:
         """Return mass, length, place of the centre, and inertia of link `i`."""
-        length = _number(chain.length[i], change, _PARAMETER, Parameter.lengths, i, 1.0)
+        length = number(chain.length[i], change, _PARAMETER, Parameter.lengths, i, 1.0)
         if ideal:
             mass = 1.0 / chain.inverse_mass[i + 1]
-            mass = _number(mass, change, _PARAMETER, Parameter.masses, i, 1.0)
+            mass = number(mass, change, _PARAMETER, Parameter.masses, i, 1.0)
             return mass, length, length, 0.0 * mass
         terms = chain.terms
-        mass = _number(terms[Link.MASS, i], change, _PARAMETER, Parameter.masses, i, 1.0)
-        centre = _number(terms[Link.CENTRE, i], change, _PARAMETER, Parameter.centres, i, 1.0)
-        inertia = _number(terms[Link.INERTIA, i], change, _PARAMETER, Parameter.inertias, i, 1.0)
+        mass = number(terms[Link.MASS, i], change, _PARAMETER, Parameter.masses, i, 1.0)
+        centre = number(terms[Link.CENTRE, i], change, _PARAMETER, Parameter.centres, i, 1.0)
+        inertia = number(terms[Link.INERTIA, i], change, _PARAMETER, Parameter.inertias, i, 1.0)
         return mass, length, centre, inertia
 
     return rod
 
 
-def _canonical_of(ideal: bool, machine: bool, springs: bool) -> Callable[..., None]:
-    """Return `canonical` for one kind of chains."""
-    rod, count_rods = _rod_of(ideal), count_rods_of(ideal)
+def _canonical_of(
+    ideal: bool, machine: bool, springs: bool, *, changed: bool
+) -> Callable[..., None]:
+    """Return `canonical` for one kind of chains, or how it changes."""
+    number, keep, kept, write = _numbers_of(changed)
+    rod = _rod_of(ideal, number)
 
     @outlined_kernel
     def canonical(
         q: FloatArray, u: FloatArray, loads: FloatArray, chain: Any, change: Any,
         rows: FloatArray, p: FloatArray, force: FloatArray,
     ) -> None:  # fmt: skip
-        n, geared, axial = count_rods(u, chain), False, u.size
+        n, geared, axial = chain.length.size, False, u.size
         if machine:
             geared = chain.rotors.shape[0] > 0
         if springs:
             axial = u.size - n
-        vx = 0.0 * _number(u[0], change, _U, 0, 0, 1.0)
+        vx = 0.0 * number(u[0], change, _U, 0, 0, 1.0)
         vy = gx = gy = below = push = pull = spin = rotor = stretch = rate = vx
         if axial > n:
-            vx = vx + _number(u[n], change, _U, 0, n, 1.0)
+            vx = vx + number(u[n], change, _U, 0, n, 1.0)
         for i in range(n):
             sine, cosine = sincos(q[i])
-            s = _number(sine, change, _Q, 0, i, cosine)
-            c = _number(cosine, change, _Q, 0, i, -sine)
-            w = _number(u[i], change, _U, 0, i, 1.0)
+            s = number(sine, change, _Q, 0, i, cosine)
+            c = number(cosine, change, _Q, 0, i, -sine)
+            w = number(u[i], change, _U, 0, i, 1.0)
             m, l, centre, _ = rod(chain, change, i)
             if springs:
-                stretch = _number(q[axial + i], change, _Q, 0, axial + i, 1.0)
-                rate = _number(u[axial + i], change, _U, 0, axial + i, 1.0)
+                stretch = number(q[axial + i], change, _Q, 0, axial + i, 1.0)
+                rate = number(u[axial + i], change, _U, 0, axial + i, 1.0)
                 l, centre = l + stretch, centre + stretch
                 vx, vy = vx + rate * s, vy - rate * c
-            _keep(m * (vx + centre * (w * c)), change, rows[0], rows[1], i)
-            _keep(m * (vy + centre * (w * s)), change, rows[2], rows[3], i)
+            keep(m * (vx + centre * (w * c)), rows[0], rows[1], i)
+            keep(m * (vy + centre * (w * s)), rows[2], rows[3], i)
             vx, vy = vx + l * (w * c), vy + l * (w * s)
-        gravity = _number(chain.gravity[0], change, _PARAMETER, Parameter.gravity, 0, 1.0)
+        gravity = number(chain.gravity[0], change, _PARAMETER, Parameter.gravity, 0, 1.0)
         for i in range(n - 1, -1, -1):
             sine, cosine = sincos(q[i])
-            s = _number(sine, change, _Q, 0, i, cosine)
-            c = _number(cosine, change, _Q, 0, i, -sine)
-            w = _number(u[i], change, _U, 0, i, 1.0)
+            s = number(sine, change, _Q, 0, i, cosine)
+            c = number(cosine, change, _Q, 0, i, -sine)
+            w = number(u[i], change, _U, 0, i, 1.0)
             m, l, centre, inertia = rod(chain, change, i)
-            mx, my = _kept(change, rows[0], rows[1], i), _kept(change, rows[2], rows[3], i)
+            mx, my = kept(rows[0], rows[1], i), kept(rows[2], rows[3], i)
             if springs:
-                stretch = _number(q[axial + i], change, _Q, 0, axial + i, 1.0)
-                rate = _number(u[axial + i], change, _U, 0, axial + i, 1.0)
+                stretch = number(q[axial + i], change, _Q, 0, axial + i, 1.0)
+                rate = number(u[axial + i], change, _U, 0, axial + i, 1.0)
                 l, centre = l + stretch, centre + stretch
             across = l * (c * gx + s * gy) + centre * (c * mx + s * my)
             along = l * (s * gx - c * gy) + centre * (s * mx - c * my)
             turning = across + inertia * w
-            torque = _number(loads[i], change, _LOAD, 0, i, 1.0)
+            torque = number(loads[i], change, _LOAD, 0, i, 1.0)
             # dampers have no torque, but its derivative by them
             relative = u[i] - u[i - 1] if i > 0 else u[i]
-            damping = _number(0.0 * u[i], change, _PARAMETER, Parameter.damping, i, relative)
+            damping = number(0.0 * u[i], change, _PARAMETER, Parameter.damping, i, relative)
             torque = torque - damping
             moving = -(w * along) - gravity * ((l * below + centre * m) * s) + (torque - push)
             push = torque
@@ -202,40 +176,50 @@ def _canonical_of(ideal: bool, machine: bool, springs: bool) -> Callable[..., No
             if springs:
                 swept = c * gx + s * gy
                 moving = moving + rate * swept
-                stiffness = _number(chain.springs[0, i], change, _PARAMETER, STIFFNESS, i, 1.0)
-                _result(s * gx - c * gy, change, p, axial + i)
+                stiffness = number(chain.springs[0, i], change, _PARAMETER, STIFFNESS, i, 1.0)
+                write(s * gx - c * gy, p, axial + i)
                 pull = gravity * (c * below) - stiffness * stretch
-                damping = _number(0.0 * u[i], change, _PARAMETER, STIFFNESS + 1, i, u[axial + i])
-                _result((w * swept + pull) - damping, change, force, axial + i)
+                damping = number(0.0 * u[i], change, _PARAMETER, STIFFNESS + 1, i, u[axial + i])
+                write((w * swept + pull) - damping, force, axial + i)
             if machine and geared:
                 turning = turning + rotor
-                own = _number(
+                own = number(
                     chain.rotors[Rotor.ARMATURE, i], change, _PARAMETER, Parameter.armature, i, 1.0
                 )
                 ratio = chain.rotors[Rotor.RATIO, i]
                 grown = -(1.0 + ratio) * (1.0 + ratio)
-                k = _number(ratio, change, _PARAMETER, Parameter.gear, i, grown)
+                k = number(ratio, change, _PARAMETER, Parameter.gear, i, grown)
                 spin = own * w
                 if i > 0:
-                    spin = own * (w + k * _number(u[i - 1], change, _U, 0, i - 1, 1.0))
+                    spin = own * (w + k * number(u[i - 1], change, _U, 0, i - 1, 1.0))
                 turning, rotor = turning + spin, k * spin
-            _result(turning, change, p, i)
-            _result(moving, change, force, i)
+            write(turning, p, i)
+            write(moving, force, i)
         if not ideal and axial > n:
             cart = 1.0 / chain.base[Base.INVERSE_MASS, 0]
-            _result(gx + cart * _number(u[n], change, _U, 0, n, 1.0), change, p, n)
-            _result(_number(loads[n], change, _LOAD, 0, n, 1.0) + 0.0 * gx, change, force, n)
+            write(gx + cart * number(u[n], change, _U, 0, n, 1.0), p, n)
+            write(number(loads[n], change, _LOAD, 0, n, 1.0) + 0.0 * gx, force, n)
 
     return canonical
 
 
-@chosen_by_type("chain", {kind: _canonical_of(*flags) for kind, flags in KINDS.items()})
+def _of_each_kind(*, changed: bool) -> dict[Any, Callable[..., None]]:
+    return {kind: _canonical_of(*flags, changed=changed) for kind, flags in KINDS.items()}
+
+
+@chosen_by_type("chain", _of_each_kind(changed=False))
 def canonical(
-    q: FloatArray, u: FloatArray, loads: FloatArray, chain: AnyArrays, change: Change | None,
+    q: FloatArray, u: FloatArray, loads: FloatArray, chain: AnyArrays, change: None,
     rows: FloatArray, p: FloatArray, force: FloatArray,
 ) -> None:  # fmt: skip
-    """Write the momenta `p` and the forces F of Eq. (1), or how they change.
+    """Write the momenta `p` and the forces F of Eq. (1); `rows` are SWEEP_ROWS for work."""
+    raise NotImplementedError
 
-    `rows` are SWEEP_ROWS for work.
-    """
+
+@chosen_by_type("chain", _of_each_kind(changed=True))
+def change_canonical(
+    q: FloatArray, u: FloatArray, loads: FloatArray, chain: AnyArrays, change: Change,
+    rows: FloatArray, p: FloatArray, force: FloatArray,
+) -> None:  # fmt: skip
+    """Write how the momenta and the forces change."""
     raise NotImplementedError

@@ -7,7 +7,7 @@ import math
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import inner_kernel, kernel
-from npend_gym.physics.kernels.canonical import Change, canonical
+from npend_gym.physics.kernels.canonical import Change, change_canonical
 from npend_gym.physics.kernels.driven import Listed
 from npend_gym.physics.kernels.dynamics import accelerations_kept, copy, respond
 from npend_gym.physics.kernels.gauss import (
@@ -92,7 +92,7 @@ def _change_step(
     tape, poses, sweep = scratch[_TAPE:], scratch[_POSES:], own[SWEEP:]
     at, loads = scratch[_AT][:m], rods.loads[0, 0]
     dq, du, gained = change[:m], change[m:], scratch[_ALPHA_0][:m]
-    canonical(
+    change_canonical(
         state[:m], state[m:], loads, chain, Change(dq, du, pushed, changed), sweep, p, rows[2]
     )
     change_stage(0, chain, rods.mass, tape, poses, dq, du, pushed, changed, gained, scratch)
@@ -105,7 +105,7 @@ def _change_step(
             weighted(method.tableau[s], h, stages, 0, state[:m], at)
             weighted(method.tableau[s], h, rows, 0, dq, x)
             by = Change(x, rows[3 * s][:m], pushed, changed)
-            canonical(
+            change_canonical(
                 at, stages[3 * s][:m], loads, chain, by, sweep, rows[3 * s + 1], rows[3 * s + 2]
             )
         size, largest = improve(h, p, 1.0, factors, chain, method, own, m)
@@ -123,7 +123,7 @@ def _change_step(
     for i in range(m):
         u_end[i] = u_end[i] - p[i]
     by = Change(q_end, u_end, pushed, changed)
-    canonical(reached[:m], reached[m : 2 * m], loads, chain, by, sweep, x, rows[2])
+    change_canonical(reached[:m], reached[m : 2 * m], loads, chain, by, sweep, x, rows[2])
     for i in range(m):
         right[i] = right[i] - x[i]
     respond(right, chain, end, own[ANSWER:], gain)

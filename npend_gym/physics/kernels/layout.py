@@ -195,7 +195,7 @@ def _point_masses(members: FloatArray, rods: FloatArray, model: Model, g: int) -
     resisted = n if resists(drag, quadratic) else 0
     return ChainArrays(
         rows[Rod.INVERSE_MASS],
-        rows[Rod.LENGTH],
+        rows[Rod.LENGTH][:n],
         rows[Rod.INVERSE_LENGTH],
         rows[Rod.DAMPING],
         members[Member.GRAVITY][g : g + 1],

@@ -21,7 +21,7 @@ from npend_gym.physics.kernels.laws import (
 from npend_gym.physics.kernels.link_terms import AnyArrays, Base, Link, Rotor
 from npend_gym.physics.kernels.recursion import LENGTHS
 from npend_gym.physics.kernels.tensions import COUPLES, TENSIONS
-from npend_gym.physics.kernels.virtual_power import KINDS, count_rods_of, joint_slope_of
+from npend_gym.physics.kernels.virtual_power import KINDS, joint_slope_of
 
 # Rows that are kept for the tangents of one state, in which a change of theta moves the tip by
 # N = r n times as much, and its acceleration by X, a quarter turn of r T; one of omega by
@@ -62,16 +62,14 @@ def _carry_of(machine: bool, springs: bool) -> Callable[..., None]:
 
 def _pose_of(ideal: bool, machine: bool, springs: bool) -> Callable[..., None]:
     """Return `pose` for one kind of chains."""
-    count_rods, joint_slope, carry = (
-        count_rods_of(ideal), joint_slope_of(ideal), _carry_of(machine, springs)
-    )  # fmt: skip
+    joint_slope, carry = joint_slope_of(ideal), _carry_of(machine, springs)
 
     @inlined_kernel
     def pose(
         u: FloatArray, alpha: FloatArray, chain: Any, mass: FloatArray, stage: FloatArray,
         rows: FloatArray,
     ) -> None:  # fmt: skip
-        s, c, length, n = stage[0], stage[1], bare(chain.length), count_rods(u, chain)
+        s, c, length, n = stage[0], stage[1], bare(chain.length), chain.length.size
         if springs:
             length = stage[LENGTHS][n:]
         se, ce = s[0], c[0]
@@ -132,7 +130,6 @@ def _pose_of(ideal: bool, machine: bool, springs: bool) -> Callable[..., None]:
 
 def _changes_of_points(ideal: bool, springs: bool) -> Callable[..., None]:
     """The tangent's way down the chain, compiled for a kind."""
-    count_rods = count_rods_of(ideal)
 
     @inlined_kernel
     def change_points(
@@ -140,7 +137,7 @@ def _changes_of_points(ideal: bool, springs: bool) -> Callable[..., None]:
         rows: FloatArray, out: FloatArray, resisted: bool,
     ) -> None:  # fmt: skip
         """Write the changes of A, and of the velocities of the tips where air resists them."""
-        n = count_rods(u, chain)
+        n = chain.length.size
         axial = u.size - n if springs else u.size
         jx: Any = 0.0 * sped[0]
         jy = ux = uy = further = faster = se = ce = jx
@@ -252,7 +249,6 @@ def _change_of_drag(
 def _tangent_of(ideal: bool, machine: bool, springs: bool) -> Callable[..., None]:
     """Return `tangent` for one kind of chains."""
     change_points, joint_torque = _changes_of_points(ideal, springs), _joint_torque_of(ideal)
-    count_rods = count_rods_of(ideal)
 
     @inlined_kernel
     def tangent(
@@ -260,7 +256,7 @@ def _tangent_of(ideal: bool, machine: bool, springs: bool) -> Callable[..., None
         changed: FloatArray, chain: Any, mass: FloatArray, rows: FloatArray, out: FloatArray,
         force: FloatArray,
     ) -> None:  # fmt: skip
-        n, resisted = count_rods(u, chain), False
+        n, resisted = chain.length.size, False
         axial = u.size - n if springs else u.size
         if ideal or machine:
             resisted = chain.drag.size > 0

@@ -65,20 +65,6 @@ KINDS: dict[Any, tuple[bool, bool, bool]] = {
 }
 
 
-def count_rods_of(ideal: bool) -> Callable[..., int]:
-    """Return `count_rods` for one kind of chains."""
-
-    @inlined_kernel
-    def count_rods(u: FloatArray, chain: Any) -> int:
-        """Return the number of rods; lengths of point masses may have an entry to spare."""
-        n = u.size
-        if not ideal:
-            n = chain.length.size
-        return n
-
-    return count_rods
-
-
 def joint_slope_of(ideal: bool) -> Callable[..., Any]:
     """Return `joint_slope` for one kind of chains."""
 
