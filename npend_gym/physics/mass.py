@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
-from npend_gym.chain.inertia import link_inertia, rotor_inertia
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_states
 from npend_gym.physics.equations import states_of
-from npend_gym.physics.mechanism import check_axial_start
-
-_STEP = 1e-30
+from npend_gym.physics.kernels.states import momenta_of_states, new_momenta_scratch
+from npend_gym.physics.mechanism import Mechanism, mechanism_of
 
 
 def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = None) -> FloatArray:
@@ -53,46 +50,19 @@ def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = N
     >>> physics.mass_matrix(Chain.uniform(1, base=Cart(3.0)), 0.0).tolist()
     [[1.0, 1.0], [1.0, 4.0]]
     """
-    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    if chain.stiffness is None:
-        (angles,) = check_states(n, theta=theta)
-        check_axial_start(chain, stretch, None, angles.shape)
-        return _mass(chain, angles, None)
+    _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     states = states_of(chain, theta, 0.0, stretch=stretch)
-    return _mass(chain, states.q[..., :n], states.q[..., -n:])
+    mass = _momenta(states.mechanism, states.q, states.u, states.mechanism.size)
+    return 0.5 * (mass + mass.swapaxes(-1, -2))  # symmetric to the last bit
 
 
-def _mass(chain: Chain, angles: Any, stretch: Any) -> Any:
-    """Return the mass matrix, which may be complex, of angles and stretches (..., n)."""
-    n, m, turned = chain.n, chain.coordinates, differences(angles)
-    first = n + (chain.base is not None)
-    whole = np.zeros((*angles.shape[:-1], m, m), angles.dtype)
-    carried, extent = chain.carried_masses, chain.lift
-    if stretch is None:
-        whole[..., :n, :n] = link_inertia(chain) * np.cos(turned) + rotor_inertia(chain)
-    else:
-        lengths: FloatArray = chain.lengths + stretch
-        centres: FloatArray = chain.centres + stretch
-        below = np.append(carried[1:], 0.0)
-        extent = chain.masses * centres + lengths * below
-        # rod j moves what hangs on rod k by its length, or where that is not below it by `extent`
-        is_below = np.arange(n)[:, None] < np.arange(n)
-        pairs = np.where(is_below, lengths[..., :, None] * extent[..., None, :], 0.0)
-        own = chain.inertias + chain.masses * centres**2 + lengths**2 * below
-        pairs = pairs + pairs.swapaxes(-1, -2) + own[..., None] * np.eye(n)
-        whole[..., :n, :n] = pairs * np.cos(turned) + rotor_inertia(chain)
-        moved: FloatArray = lengths[..., :, None] * carried
-        moved = np.where(is_below, moved, np.expand_dims(extent, -1))
-        # d position / d stretch is along the rod, d position / d theta across it
-        mixed: FloatArray = -moved * np.sin(turned)
-        whole[..., :n, first:], whole[..., first:, :n] = mixed, mixed.swapaxes(-1, -2)
-        whole[..., first:, first:] = np.minimum(carried[:, None], carried) * np.cos(turned)
-        if chain.base is not None:
-            whole[..., n, first:] = whole[..., first:, n] = carried * np.sin(angles)
-    if chain.base is not None:
-        whole[..., n, n] = chain.base.mass + chain.masses.sum()
-        whole[..., n, :n] = whole[..., :n, n] = extent * np.cos(angles)
-    return whole
+def _momenta(mechanism: Mechanism, q: FloatArray, u: FloatArray, count: int) -> FloatArray:
+    """Return the derivatives of p = M u by the last `count` of q and u, (..., m, count)."""
+    m = mechanism.size
+    columns, work = np.empty((*q.shape, count)), new_momenta_scratch(m)
+    rows = q.reshape(-1, m), u.reshape(-1, m)
+    momenta_of_states(*rows, mechanism.arrays(), work, columns.reshape(-1, m, count))
+    return columns
 
 
 def momentum_jacobian(chain: Chain, q: ArrayLike, u: ArrayLike) -> FloatArray:
@@ -126,26 +96,5 @@ def momentum_jacobian(chain: Chain, q: ArrayLike, u: ArrayLike) -> FloatArray:
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     q, u = check_states(chain.coordinates, q=q, u=u)
-    theta, omega, first = q[..., :n], u[..., :n], n + (chain.base is not None)
-    mass = _mass(chain, theta, None if chain.stiffness is None else q[..., first:])
-    if chain.stiffness is None:
-        turned = link_inertia(chain) * np.sin(differences(theta))
-        by_q = np.zeros_like(mass)
-        by_theta = turned * omega[..., None, :] - np.eye(n) * (turned @ omega[..., None])
-        by_q[..., :n, :n] = by_theta
-        if chain.base is not None:  # p_x has the terms h_i cos(theta_i) omega_i, p_i v times those
-            falling = -chain.lift * np.sin(theta)
-            by_q[..., n, :n] = falling * omega
-            by_q[..., range(n), range(n)] += falling * u[..., n, None]
-    else:
-        by_q = np.empty_like(mass)
-        for k in range(chain.coordinates):  # complex steps take no differences
-            near = q + 1j * _STEP * np.eye(chain.coordinates)[k]
-            turned = _mass(chain, near[..., :n], near[..., first:])
-            by_q[..., k] = (turned @ u[..., None])[..., 0].imag / _STEP
-    return np.concatenate([by_q, mass], axis=-1)
-
-
-def differences(theta: FloatArray) -> FloatArray:
-    """Return theta_i - theta_j, shape (..., n, n)."""
-    return theta[..., :, None] - theta[..., None, :]
+    _checks.within("q", q[..., :n], MAX_ANGLE)
+    return _momenta(mechanism_of([chain]), q, u, 2 * chain.coordinates)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import kernel
+from npend_gym.physics.kernels.canonical import SWEEP_ROWS, Change, change_canonical
 from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, accelerations_kept, copy
 from npend_gym.physics.kernels.stages import (
     ALPHA,
@@ -77,3 +78,31 @@ def rates_of_states(
                 pushed[wanted[column - 2 * m]] = 0.0
             for i in range(m):
                 jacobians[k, i, column] = gained[i]
+
+
+def new_momenta_scratch(m: int) -> FloatArray:
+    """Return the work space of `momenta_of_states`, for `m` coordinates."""
+    return aligned_zeros(SWEEP_ROWS + 5, m + 1)
+
+
+@kernel
+def momenta_of_states(
+    q: FloatArray, u: FloatArray, chain: AnyArrays, scratch: FloatArray, jacobians: FloatArray
+) -> None:
+    """Write the derivatives of the momenta N u by the last columns of q and u, (S, m, columns).
+
+    `q` and `u` are as for `rates_of_states`.
+    """
+    q, u, chain, scratch, jacobians = bare(q), bare(u), bare(chain), bare(scratch), bare(jacobians)
+    m, count = q.shape[1], jacobians.shape[2]
+    turned, sped = scratch[SWEEP_ROWS][:m], scratch[SWEEP_ROWS + 1][:m]
+    p, force, loads = scratch[SWEEP_ROWS + 2], scratch[SWEEP_ROWS + 3], scratch[SWEEP_ROWS + 4]
+    change = Change(turned, sped, loads, scratch[:0])
+    for k in range(len(q)):
+        for column in range(count):
+            for i in range(m):
+                turned[i] = 1.0 if column - count == i - 2 * m else 0.0
+                sped[i] = 1.0 if column - count == i - m else 0.0
+            change_canonical(q[k], u[k], loads, chain, change, scratch, p, force)
+            for i in range(m):
+                jacobians[k, i, column] = p[i]
