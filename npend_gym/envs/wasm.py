@@ -14,9 +14,9 @@ from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Settin
 from npend_gym.envs.starts import begin_one
 from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing, Turn
 from npend_gym.physics.kernels.link_terms import BASE_AT, count_terms
+from npend_gym.physics.kernels.member_rows import new_model
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
 from npend_gym.physics.mechanism import mechanism_of
-from npend_gym.physics.memory import new_model
 from npend_gym.physics.substeps import (
     MAX_PHASE,
     MAX_ROTATION,

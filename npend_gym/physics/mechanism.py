@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_chain
-from npend_gym.physics.kernels.link_terms import AnyArrays, Base, arrays_of, terms_of_each
+from npend_gym.physics.kernels.link_terms import AnyArrays, Base, terms_of_each
+from npend_gym.physics.kernels.member_rows import arrays_of
 
 MAX_VIBRATIONS = 1e9  # along the rods, in the time that is simulated
 PIVOT = ("position", "velocity")  # of a cart, or of a pivot that is accelerated

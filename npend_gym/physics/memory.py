@@ -17,7 +17,6 @@ from npend_gym.physics.calls import Cut, Plan, plan_of, run
 from npend_gym.physics.kernels.laws import Friction
 from npend_gym.physics.kernels.layout import (
     Member,
-    Model,
     Rod,
     Turn,
     Turns,
@@ -32,7 +31,13 @@ from npend_gym.physics.kernels.link_terms import (
     check_terms,
     count_terms,
 )
-from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure, write_chains
+from npend_gym.physics.kernels.member_rows import (
+    Arrays,
+    Indices,
+    begin_all_to_measure,
+    new_arrays,
+    write_chains,
+)
 from npend_gym.physics.substeps import chain_of, check_default
 
 _ALIASED = 256  # numbers, of 2 kB
@@ -49,30 +54,6 @@ _OF_MODEL: tuple[dict[str, int], ...] = (
     {},
     {"armature": Rotor.ARMATURE, "gear": Rotor.GEAR},
 )  # fmt: skip
-
-Arrays = tuple[FloatArray, FloatArray, Model]  # members, rods and model
-
-
-def new_model(terms: int, n: int, groups: int, width: int, base: FloatArray | None = None) -> Model:
-    """Return the arrays of a model, see `count_terms`, of chains on a `base` (len(Base), B or 1).
-
-    They are zeros but for the base.
-    """
-    rows = 0 if base is None else len(base)
-    shapes = (len(Link), n), (len(Friction), n), (rows, 1), (len(Rotor), n)
-    model = tuple(aligned_zeros(groups, count, m * width) for count, m in shapes[:terms])
-    if base is not None:
-        own = base[:, np.minimum(np.arange(groups * width), base.shape[1] - 1)]
-        model[BASE_AT][:] = own.reshape(rows, groups, width).swapaxes(0, 1)
-    return model or None
-
-
-def write_all_chains(arrays: Arrays, lanes: int, chains: ChainParameters) -> None:
-    """Give all lanes the chains, or the one; lanes to spare repeat the last chain."""
-    rows = chains.stacked()
-    if len(rows) > 1:
-        rows = rows[np.minimum(np.arange(lanes), len(rows) - 1)]
-    write_chains(*arrays, np.arange(lanes), rows)
 
 
 class Memory:
@@ -130,16 +111,14 @@ class Memory:
         self.lanes: int = lanes
         # rows that all begin at the same places of the cache would push each other out of it
         self.columns: int = lanes + (self.width if lanes % _ALIASED == 0 else 0)
-        self.arrays: Arrays = (
-            aligned_zeros(len(Member) + spare_rows, self.columns),
-            aligned_zeros(self.groups, len(Rod) + spare_rod_rows, (self.n + 1) * self.width),
-            new_model(count_terms(chains, base), self.n, self.groups, self.width, base),
-        )
+        self.arrays: Arrays = new_arrays(
+            chains, count_terms(chains, base), self.groups, self.width, base,
+            columns=self.columns, spare=(spare_rows, spare_rod_rows),
+        )  # fmt: skip
         rows = aligned_zeros(self.groups, len(Turn), (self.n + 1) * self.width)
         self.record: Turns = (rows,) if measured else None
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self.arrays[0][Member.ACTIVE] = 1.0
-        write_all_chains(self.arrays, lanes, chains)
         self.restart(np.arange(lanes))
 
     @property

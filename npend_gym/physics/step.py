@@ -30,8 +30,8 @@ from npend_gym.physics.directions import (
     check_names,
     with_features,
 )
-from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.kernels.link_terms import Base, check_terms
+from npend_gym.physics.kernels.member_rows import Arrays, new_arrays
 from npend_gym.physics.kernels.rk4_derivatives import TAPE_ROWS, adjoint_rows, tangent_rows
 from npend_gym.physics.kernels.steps import (
     OWN_ROWS,
@@ -40,7 +40,6 @@ from npend_gym.physics.kernels.steps import (
     step_states,
     step_tangents,
 )
-from npend_gym.physics.memory import Arrays, new_model, write_all_chains
 from npend_gym.physics.substeps import (
     MAX_ROTATION,
     MAX_SUBSTEPS,
@@ -86,13 +85,7 @@ class Chains:
             if key and rows is self.rows:
                 return self.packs()
             groups = -(-self.size // WIDTH)
-            arrays = (
-                aligned_zeros(len(Member), groups * WIDTH),
-                aligned_zeros(groups, len(Rod), (self.n + 1) * WIDTH),
-                new_model(self.terms, self.n, groups, WIDTH, self.base),
-            )
-            write_all_chains(arrays, groups * WIDTH, rows)
-            self._packs[key] = arrays
+            self._packs[key] = new_arrays(rows, self.terms, groups, WIDTH, self.base)
         return self._packs[key]
 
     @property

@@ -146,9 +146,9 @@ def any_power(chain: AnyArrays) -> bool:
 @chosen_by_type(
     "chain",
     {
-        ChainArrays: tensions.bob_energies,
-        LinkArrays: _energies.energies_of(machine=False),
-        MachineArrays: _energies.energies_of(machine=True),
+        ChainArrays: _energies.energies_of(ideal=True, machine=False),
+        LinkArrays: _energies.energies_of(ideal=False, machine=False),
+        MachineArrays: _energies.energies_of(ideal=False, machine=True),
     },
 )
 def energies(

@@ -1,6 +1,5 @@
 """The energy of links and machines, and the power that their joints take."""
 
-# ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -35,25 +34,26 @@ def link_damped(chain: Any) -> bool:
     return any_damped(chain) or chain.friction.shape[0] > 0 or chain.base.shape[0] > 0
 
 
-def energies_of(machine: bool) -> Callable[..., Any]:
-    """Return `energies` of links, or of machines: see `dynamics.energies`."""
+def energies_of(ideal: bool, machine: bool) -> Callable[..., Any]:
+    """Return `energies` of point masses, links or machines: see `dynamics.energies`."""
 
     @inlined_kernel
     def energies(
         omega: FloatArray, carried: FloatArray, mass: FloatArray, velocity: FloatArray,
         chain: Any, s: FloatArray, c: FloatArray,
     ) -> Any:  # fmt: skip
-        """As `tensions.bob_energies`, of links: their centres move and they turn."""
-        terms, n = chain.terms, velocity.size
+        n = velocity.size
         kinetic = lift = tip = vertical = horizontal = momentum = total = 0.0 * omega[0]
         for i in range(n):
-            centre, turning = terms[Link.CENTRE, i], omega[i]
+            turning, centre, spread = omega[i], chain.length[i], 0.0 * omega[i]
+            if not ideal:
+                centre = chain.terms[Link.CENTRE, i]
+                spread = chain.terms[Link.INERTIA, i] * (turning * turning)
             across = horizontal + centre * (turning * c[i])
             up = vertical + centre * (turning * s[i])
-            moving = terms[Link.MASS, i] * (across * across + up * up)
-            kinetic = kinetic + 0.5 * (moving + terms[Link.INERTIA, i] * (turning * turning))
-            momentum = momentum + terms[Link.MASS, i] * across
-            total = total + terms[Link.MASS, i]
+            moving = mass[i] * (across * across + up * up)
+            kinetic = kinetic + 0.5 * (moving + spread)
+            momentum, total = momentum + mass[i] * across, total + mass[i]
             vertical = vertical + chain.length[i] * (turning * s[i])
             horizontal = velocity[i]
             lift = lift + carried[i] * one_minus_cos(s[i], c[i])
@@ -64,7 +64,7 @@ def energies_of(machine: bool) -> Callable[..., Any]:
                 rotor = chain.rotors[Rotor.RATIO, i] * above + omega[i]
                 kinetic = kinetic + 0.5 * (chain.rotors[Rotor.ARMATURE, i] * (rotor * rotor))
                 above = omega[i]
-        if chain.base.size > 0:
+        if not ideal and chain.base.size > 0:
             # all links move with the cart: m v_cart^2 / 2 + v_cart . momentum; the cart's own
             cart, speed = 1.0 / chain.base[Base.INVERSE_MASS, 0], omega[n]
             kinetic = kinetic + (momentum + 0.5 * ((total + cart) * speed)) * speed

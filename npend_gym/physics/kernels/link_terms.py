@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.compiled.arrays import innermost
-from npend_gym.compiled.jit import inlined_kernel, kernel
-from npend_gym.physics.kernels.laws import Friction, Parameter, friction_terms_of
-from npend_gym.physics.kernels.tensions import ChainArrays, chain_arrays
+from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.physics.kernels.laws import Parameter
+from npend_gym.physics.kernels.tensions import ChainArrays
 
 
 class LinkFields(NamedTuple):
@@ -154,19 +153,6 @@ def rotor_terms_of(chain: FloatArray, i: int, rotors: FloatArray, column: int) -
     rotors[Rotor.GEAR, column] = gear
 
 
-@kernel
-def _fill_terms(
-    chains: FloatArray, links: FloatArray, friction: FloatArray, rotors: FloatArray
-) -> None:
-    """Write the terms (rows, B, n) of the chains (B, parameters, n); of rotors where wanted."""
-    for k in range(chains.shape[0]):
-        for i in range(chains.shape[2]):
-            link_terms_of(chains[k], i, links[:, k], i)
-            friction_terms_of(chains[k], i, friction[:, k], i)
-            if rotors.shape[0] > 0:
-                rotor_terms_of(chains[k], i, rotors[:, k], i)
-
-
 def count_terms(chains: ChainParameters, base: object = None) -> int:
     """Return how many arrays a `layout.Model` has of chains on a `base`, or at rest: 0, 3 or 4."""
     if base is None and chains.is_ideal:
@@ -195,45 +181,3 @@ def check_terms(chains: ChainParameters, count: int) -> None:
             "chains of point masses cannot become links or get friction, nor links get rotors or "
             "drag, while they are at work: begin with a chain that has these"
         )
-
-
-def _terms_of(
-    chains: ChainParameters, base: FloatArray | None, *, geared: bool
-) -> list[FloatArray]:
-    """Return the rows of terms, friction, base and rotors, (rows, B, n), or (rows, B, 1)."""
-    lanes, n = chains.masses.shape
-    links, friction = np.empty((len(Link), lanes, n)), np.empty((len(Friction), lanes, n))
-    rotors = np.empty((len(Rotor) if geared else 0, lanes, n))
-    _fill_terms(chains.stacked(), links, friction, rotors)
-    rows = np.zeros((0, 1)) if base is None else base.reshape(len(base), -1)
-    moving = np.broadcast_to(rows[:, :, None], (len(rows), lanes, 1))
-    return [links, friction, moving, rotors]
-
-
-def arrays_of(
-    chains: ChainParameters,
-    base: FloatArray | None = None,
-    springs: tuple[FloatArray, FloatArray] | None = None,
-) -> AnyArrays:
-    """Return the parameters of B mechanisms in the form that the kernels take, the lane innermost.
-
-    `base` (len(Base), B or 1) holds the rows of `Base` where the base moves; `springs` stiffness
-    and axial damping, (B, n) each.
-    """
-    count = count_terms(chains, base)
-    if count == 0 and springs is None:
-        return chain_arrays(chains)
-    geared = bool(np.any(chains.armature))
-    terms, friction, moving, rotors = map(innermost, _terms_of(chains, base, geared=geared))
-    rubbed = slice(None if np.any(chains.friction) else 0)
-    plain = innermost(chains.lengths), innermost(chains.damping), np.array(chains.gravity)
-    shared = *plain, terms, friction[rubbed], moving
-    if count == 3 and springs is None:
-        return LinkArrays(*shared)
-    resisted = slice(None if chains.has_drag else 0)
-    drag = innermost(chains.drag[resisted]), innermost(chains.quadratic_drag[resisted])
-    if springs is None:
-        return MachineArrays(*shared, rotors, *drag)
-    rows = np.broadcast_to(np.array(springs), (2, *chains.lengths.shape))
-    kind = SpringArrays if np.all(chains.has_bobs) else SliderArrays
-    return kind(*shared, rotors, *drag, innermost(rows))

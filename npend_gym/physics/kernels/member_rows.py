@@ -14,12 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.arrays import bare
+from npend_gym.chain import ChainParameters
+from npend_gym.compiled.arrays import aligned_zeros, bare, innermost
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
 from npend_gym.compiled.sincos import sincos
-from npend_gym.physics.kernels.laws import Parameter, friction_terms_of
+from npend_gym.physics.kernels.laws import Friction, Parameter, friction_terms_of
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Turn, Turns
-from npend_gym.physics.kernels.link_terms import link_terms_of, rotor_terms_of
+from npend_gym.physics.kernels.link_terms import (
+    BASE_AT,
+    AnyArrays,
+    ChainArrays,
+    Link,
+    LinkArrays,
+    MachineArrays,
+    Rotor,
+    SliderArrays,
+    SpringArrays,
+    count_terms,
+    link_terms_of,
+    rotor_terms_of,
+)
 from npend_gym.physics.kernels.turning_points import latest_sign, speed_threshold
 
 Indices = NDArray[np.int64]
@@ -189,3 +203,74 @@ def begin_all_to_measure(
     width = rods.shape[2] // (n + 1)
     for k in chosen:
         begin_to_measure(members, rods, record, k, width, n)
+
+
+Arrays = tuple[FloatArray, FloatArray, Model]  # members, rods and model
+
+
+def new_model(terms: int, n: int, groups: int, width: int, base: FloatArray | None = None) -> Model:
+    """Return the arrays of a model, see `count_terms`, of chains on a `base` (len(Base), B or 1).
+
+    They are zeros but for the base.
+    """
+    rows = 0 if base is None else len(base)
+    shapes = (len(Link), n), (len(Friction), n), (rows, 1), (len(Rotor), n)
+    model = tuple(aligned_zeros(groups, count, m * width) for count, m in shapes[:terms])
+    if base is not None:
+        own = base[:, np.minimum(np.arange(groups * width), base.shape[1] - 1)]
+        model[BASE_AT][:] = own.reshape(rows, groups, width).swapaxes(0, 1)
+    return model or None
+
+
+def new_arrays(
+    chains: ChainParameters, terms: int, groups: int, width: int, base: FloatArray | None = None,
+    *, columns: int = 0, spare: tuple[int, int] = (0, 0),
+) -> Arrays:  # fmt: skip
+    """Return chains, or one for all, in a model of `terms` arrays; lanes to spare repeat the last.
+
+    `columns` are those of `members`, if there are more than lanes; `spare` are more rows of
+    `members` and of `rods`.
+    """
+    n, lanes, rows = chains.masses.shape[1], groups * width, chains.stacked()
+    arrays = (
+        aligned_zeros(len(Member) + spare[0], max(columns, lanes)),
+        aligned_zeros(groups, len(Rod) + spare[1], (n + 1) * width),
+        new_model(terms, n, groups, width, base),
+    )
+    if len(rows) > 1:
+        rows = rows[np.minimum(np.arange(lanes), len(rows) - 1)]
+    write_chains(*arrays, np.arange(lanes), rows)
+    return arrays
+
+
+def arrays_of(
+    chains: ChainParameters,
+    base: FloatArray | None = None,
+    springs: tuple[FloatArray, FloatArray] | None = None,
+) -> AnyArrays:
+    """Return the parameters of B mechanisms in the form that the kernels take, the lane innermost.
+
+    `base` (len(Base), B or 1) holds the rows of `Base` where the base moves; `springs` stiffness
+    and axial damping, (B, n) each.
+    """
+    (lanes, n), terms = chains.masses.shape, count_terms(chains, base) if springs is None else 4
+    members, (rows,), model = new_arrays(chains, terms, 1, lanes, base)
+    size, gravity = n * lanes, members[Member.GRAVITY]
+    length, damping, resisted = rows[Rod.LENGTH][:size], rows[Rod.DAMPING][:size], chains.has_drag
+    drag = (rows[field][: size if resisted else 0] for field in (Rod.DRAG, Rod.QUADRATIC_DRAG))
+    if model is None:
+        inverse_length = rows[Rod.INVERSE_LENGTH][:size]
+        return ChainArrays(
+            rows[Rod.INVERSE_MASS], length, inverse_length, damping, gravity, *drag
+        )  # fmt: skip
+    links, friction, moving, *rotors = (part[0] for part in model)
+    rubbed = slice(None if np.any(chains.friction) else 0)
+    shared = length, damping, gravity, links, friction[rubbed], moving
+    if terms == 3:
+        return LinkArrays(*shared)
+    geared = slice(None if np.any(chains.armature) else 0)
+    if springs is None:
+        return MachineArrays(*shared, rotors[0][geared], *drag)
+    kind = SpringArrays if np.all(chains.has_bobs) else SliderArrays
+    each = np.broadcast_to(np.array(springs), (2, lanes, n))
+    return kind(*shared, rotors[0][geared], *drag, innermost(each))

@@ -34,11 +34,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from npend_gym._checks import FloatArray
-from npend_gym.chain import ChainParameters
-from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.jit import inlined_kernel, outlined_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
@@ -57,21 +53,6 @@ class ChainArrays(NamedTuple):
     gravity: FloatArray  # g, (1,)
     drag: FloatArray  # (n,); empty where the air resists no bob
     quadratic_drag: FloatArray  # (n,) or empty, as drag
-
-
-def chain_arrays(chains: ChainParameters) -> ChainArrays:
-    """Return the parameters of B chains in the form that the kernels take, the lane innermost."""
-    resisted = slice(None if chains.has_drag else 0)
-    pivot = np.zeros((len(chains.masses), 1))
-    return ChainArrays(
-        innermost(np.hstack([pivot, 1.0 / chains.masses])),
-        innermost(chains.lengths),
-        innermost(1.0 / chains.lengths),
-        innermost(chains.damping),
-        np.array(chains.gravity),
-        innermost(chains.drag[resisted]),
-        innermost(chains.quadratic_drag[resisted]),
-    )
 
 
 def _elimination(kept: bool, again: bool) -> Callable[..., None]:
@@ -298,24 +279,3 @@ def one_minus_cos(s: float, c: float) -> Any:
     """Return 1 - cos from sine and cosine, without cancellation near zero."""
     near = (s * s) / (1.0 + where(c > 0.0, c, 0.0))
     return where(c > 0.0, near, 1.0 - c)
-
-
-@inlined_kernel
-def bob_energies(
-    omega: FloatArray, carried: FloatArray, mass: FloatArray, velocity: FloatArray,
-    chain: ChainArrays, s: FloatArray, c: FloatArray,
-) -> Any:  # fmt: skip
-    """Return kinetic energy [J], potential energy over g [kg m] and height of the tip [m].
-
-    `carried` has the mass that each rod carries times its length, and `velocity` the horizontal
-    velocities of the bobs. `s` and `c` are sines and cosines of the angles.
-    """
-    kinetic = lift = tip = vertical = 0.0
-    for i in range(velocity.size):
-        horizontal, length = velocity[i], chain.length[i]
-        vertical = vertical + length * (omega[i] * s[i])
-        speed_squared = horizontal * horizontal + vertical * vertical
-        kinetic = kinetic + (0.5 * mass[i]) * speed_squared
-        lift = lift + carried[i] * one_minus_cos(s[i], c[i])
-        tip = tip - length * c[i]
-    return kinetic, lift, tip
