@@ -10,7 +10,7 @@ from typing_extensions import Self
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain.balls import Balls
+from npend_gym.chain.balls import ball_parameters
 from npend_gym.chain.cart import Cart
 from npend_gym.chain.parameters import MAX_RODS, STANDARD_GRAVITY
 from npend_gym.chain.published import MULTIARM, REALAIGYM
@@ -170,11 +170,12 @@ class NamedChains:
                 "lengths must be left out, because those of spheres are their spacing: give "
                 f"spacing={_checks.show(parameters['lengths'])}"
             )
-        n = _checks.count("n", n, high=MAX_RODS)
-        balls = Balls(n, radius, spacing, density)
-        in_fluid = balls.immersed(gravity, fluid_density, viscosity, drag_coefficient)
-        inertias = balls.inertias if _checks.truth("fixed", fixed) else 0.0
-        return cls(lengths=balls.spacing, **in_fluid | {"inertias": inertias} | parameters)
+        balls = ball_parameters(
+            _checks.count("n", n, high=MAX_RODS), radius, spacing, density, gravity=gravity,
+            fluid_density=fluid_density, viscosity=viscosity, drag_coefficient=drag_coefficient,
+        )  # fmt: skip
+        turning = {} if _checks.truth("fixed", fixed) else {"inertias": 0.0}
+        return cls(**balls | turning | parameters)
 
     @classmethod
     def acrobot(cls) -> Self:
