@@ -77,8 +77,7 @@ def kinetic_energy(
     >>> float(kinetic_energy(Chain.uniform(1), np.zeros(1), np.full(1, 2.0)))
     2.0
     """
-    bobs = bool(np.all(chain.has_bobs))
-    return kinetic_from(chain, *sincos(theta), omega, bobs=bobs)
+    return kinetic_from(chain, *sincos(theta), omega, bobs=bool(np.all(chain.has_bobs)))
 
 
 def kinetic_from(chain: Chain | ChainParameters, s: Any, c: Any, omega: Any, *, bobs: bool) -> Any:
@@ -92,6 +91,11 @@ def kinetic_from(chain: Chain | ChainParameters, s: Any, c: Any, omega: Any, *, 
     if not bobs:
         back = chain.centres - chain.lengths
         horizontal, vertical = horizontal + back * omega * c, vertical + back * omega * s
+    return _kinetic(chain, horizontal, vertical, omega, bobs=bobs)
+
+
+def _kinetic(chain: Any, horizontal: Any, vertical: Any, omega: Any, *, bobs: bool) -> Any:
+    """Return the kinetic energy [J] from the velocities of the centres, arrays or tensors."""
     energy = 0.5 * (chain.masses * (horizontal**2 + vertical**2)).sum(-1)
     if bobs:
         return energy
@@ -186,12 +190,6 @@ def stretched(chain: Chain, stretch: FloatArray) -> ChainParameters:
     return _with_lengths(chain, chain.lengths + stretch, chain.centres + stretch)
 
 
-def stretching(chain: Chain, theta: FloatArray, rate: FloatArray) -> FloatArray:
-    """Velocities of bobs by stretching at this rate alone [m/s], (..., n, 2)."""
-    # sum_k x_k' e_k, as positions are sums of the lengths along the rods
-    return positions(_with_lengths(chain, rate, rate), theta)
-
-
 def _with_lengths(chain: Chain, lengths: FloatArray, centres: FloatArray) -> ChainParameters:
     fields = {
         name: np.broadcast_to(row[0], lengths.shape)
@@ -220,11 +218,16 @@ def velocities_of_motion(
     omega: FloatArray,
     stretch: FloatArray | None = None,
     rate: FloatArray | None = None,
+    *,
+    centres: bool = False,
 ) -> FloatArray:
-    """Return the velocities of bobs, those of springs too, relative to the pivot [m/s]."""
+    """Return the velocities of bobs or `centres`, of springs too, relative to the pivot [m/s]."""
+    moving = centre_velocities if centres else velocities
     if stretch is None or rate is None:
-        return velocities(chain, theta, omega)
-    return velocities(stretched(chain, stretch), theta, omega) + stretching(chain, theta, rate)
+        return moving(chain, theta, omega)
+    # by stretching alone sum_k x_k' e_k, as positions are sums of the lengths along the rods
+    along = positions(_with_lengths(chain, rate, rate), theta)
+    return moving(stretched(chain, stretch), theta, omega) + along
 
 
 def kinetic_of_motion(
@@ -236,18 +239,10 @@ def kinetic_of_motion(
     rate: FloatArray | None,
 ) -> FloatArray:
     """Return the kinetic energy [J], with that of springs and of a cart of this velocity."""
-    if stretch is None or rate is None:
-        energy, centres = kinetic_energy(chain, theta, omega), None
-    else:
-        centres = centre_velocities(stretched(chain, stretch), theta, omega)
-        centres = centres + stretching(chain, theta, rate)
-        turning = chain.inertias * omega**2 + _rotors(chain, omega)
-        moving = chain.masses * np.sum(centres**2, axis=-1)
-        energy = 0.5 * np.sum(moving + turning, axis=-1)
+    centres = velocities_of_motion(chain, theta, omega, stretch, rate, centres=True)
+    energy = _kinetic(chain, centres[..., 0], centres[..., 1], omega, bobs=chain.has_bobs)
     if chain.base is None or velocity is None:
         return energy
-    if centres is None:
-        centres = centre_velocities(chain, theta, omega)
     momentum = np.sum(chain.masses * centres[..., 0], axis=-1)
     return kinetic_on_cart(energy, momentum, chain.base.mass + chain.masses.sum(), velocity)
 
