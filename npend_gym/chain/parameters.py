@@ -89,7 +89,15 @@ class ChainParameters(NamedTuple):
             or breaks its rule.
         """
         own = self._asdict()
-        values = own | {name: _check_change(name, row, own) for name, row in changes.items()}
+        for name in changes:
+            if name not in own:
+                raise TypeError(
+                    f"chains side by side have no parameter {name!r}{_checks.nearest(name, own)} "
+                    f"They have {', '.join(own)}"
+                )
+        values = own | {
+            name: check_rows(name, row, own[name].shape) for name, row in changes.items()
+        }
         if "lengths" in changes and "centres" not in changes:
             at_the_end = self.centres == self.lengths
             values["centres"] = np.where(at_the_end, values["lengths"], self.centres)
@@ -187,20 +195,14 @@ def check_parameter(name: str, value: FloatArray) -> FloatArray:
     return (_checks.positive if must_be_positive else _checks.at_least_zero)(name, value)
 
 
-def _check_change(name: str, row: Any, own: Mapping[str, FloatArray]) -> FloatArray:
-    """Return new values of a parameter of chains that have `own` parameters now."""
-    if name not in own:
-        raise TypeError(
-            f"chains side by side have no parameter {name!r}{_checks.nearest(name, own)} They have "
-            f"{', '.join(own)}"
-        )
+def check_rows(name: str, row: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Return a parameter of chains side by side, refused if it breaks its rule."""
     ratios = name == "gear" and getattr(row, "dtype", None) == np.float64  # may be infinite
     infinite = np.isinf(row) if ratios else None
     checked = _checks.array(name, row if infinite is None else np.where(infinite, 1.0, row))
-    if checked.shape != own[name].shape:
+    if checked.shape != shape:
         raise ValueError(
-            f"{name} must have the shape {own[name].shape}, a row for each chain, "
-            f"got {checked.shape}"
+            f"{name} must have the shape {shape}, a row for each chain, got {checked.shape}"
         )
     return check_parameter(name, checked if infinite is None else np.where(infinite, row, checked))
 

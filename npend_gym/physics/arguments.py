@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.chain import Chain, ChainParameters
+from npend_gym.chain.parameters import check_rows
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.mechanism import Mechanism, mechanism_of
@@ -84,16 +85,8 @@ def check_parameters(chains: Any, members: int, n: int) -> ChainParameters:
         raise TypeError(
             f"chain must be an npend_gym.Chain or ChainParameters, got {_checks.show(chains)}"
         )
-    for name, rows in chains._asdict().items():
-        shape = (members,) if name == "gravity" else (members, n)
-        if np.shape(rows) != shape:
-            raise ValueError(
-                f"chain must have {name} of shape {shape}, a row for each member, got "
-                f"{np.shape(rows)}"
-            )
-        finite = np.where(np.isinf(rows), 1.0, rows) if name == "gear" else rows
-        check_parameter(name, _checks.array(name, finite))
-    return ChainParameters(*map(np.asarray, chains)).check()
+    shapes = ((members,) if name == "gravity" else (members, n) for name in chains._fields)
+    return ChainParameters(*map(check_rows, chains._fields, chains, shapes)).check()
 
 
 def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
