@@ -107,47 +107,6 @@ def _moving(solver: Solver, x: float, j: int) -> tuple[float, float]:
 
 
 @inlined_kernel
-def _along_rigid_rod(
-    definition: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
-    rods: FloatArray,
-) -> tuple[float, float]:  # fmt: skip
-    theta, _ = _moving(solver, x, i)
-    s, c = sincos(theta)
-    l = rods[i]
-    if definition != HEIGHT:
-        return l * (omega * c), l * (alpha * c - (omega * omega) * s)
-    _, c0 = sincos(record.per_rod[i])
-    return l * (c0 - c), l * (omega * s)
-
-
-@inlined_kernel
-def _along_spring(
-    definition: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
-    rods: Stretching,
-) -> tuple[float, float]:  # fmt: skip
-    size = solver.y.size // 2
-    first = size - rods.length.size  # of the stretches, behind a base that moves
-    theta, _ = _moving(solver, x, i)
-    stretch, _ = _moving(solver, x, first + i)
-    growth, change = _moving(solver, x, size + first + i)
-    s, c = sincos(theta)
-    r = rods.length[i] + stretch
-    if definition != HEIGHT:
-        turned = r * (alpha * c - (omega * omega) * s) + 2.0 * (growth * (omega * c))
-        return r * (omega * c) + growth * s, turned + change * s
-    return record.per_rod[i] - r * c, r * (omega * s) - growth * c
-
-
-@chosen_by_type("rods", {0: _along_rigid_rod, Stretching: _along_spring})
-def _along_rod(
-    definition: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
-    rods: Rods,
-) -> tuple[float, float]:  # fmt: skip
-    """Terms of rod `i` in the signal of its bob and of those below, and in the slope."""
-    raise NotImplementedError
-
-
-@inlined_kernel
 def _rigid_length(solver: Solver, x: float, i: int, rods: FloatArray) -> tuple[float, float, float]:
     return rods[i], 0.0, 0.0
 
@@ -167,6 +126,38 @@ def _spring_length(
 def _length(solver: Solver, x: float, i: int, rods: Rods) -> tuple[float, float, float]:
     """Return the length of rod `i` at fraction `x` of the step, and its two time derivatives."""
     raise NotImplementedError
+
+
+@inlined_kernel
+def _rigid_height(length: float, c: float, start: float, rods: FloatArray) -> float:
+    _, c_start = sincos(start)
+    return length * (c_start - c)
+
+
+@inlined_kernel
+def _spring_height(length: float, c: float, start: float, rods: Stretching) -> float:
+    return start - length * c
+
+
+@chosen_by_type("rods", {0: _rigid_height, Stretching: _spring_height})
+def _height(length: float, c: float, start: float, rods: Rods) -> float:
+    """Return how far the lower end of a rod has risen against its upper one, from its `start`."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def _along_rod(
+    definition: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
+    rods: Rods,
+) -> tuple[float, float]:  # fmt: skip
+    """Return terms of rod `i` in the signal of its bob and of those below, and in the slope."""
+    theta, _ = _moving(solver, x, i)
+    r, growth, change = _length(solver, x, i, rods)
+    s, c = sincos(theta)
+    if definition == HEIGHT:
+        return _height(r, c, record.per_rod[i], rods), r * (omega * s) - growth * c
+    turned = r * (alpha * c - (omega * omega) * s) + 2.0 * (growth * (omega * c))
+    return r * (omega * c) + growth * s, turned + change * s
 
 
 @inlined_kernel
