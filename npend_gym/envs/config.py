@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from npend_gym.envs.keywords import (
 )
 from npend_gym.envs.modes import Mode, find_mode
 from npend_gym.envs.randomization import Randomization, check_randomize
-from npend_gym.envs.rows import ANGLES, MAX_CART_ENTRY, SINCOS, Task
+from npend_gym.envs.rows import MAX_CART_ENTRY, Task
 from npend_gym.envs.settings import (
     DRAWN,
     ERRORS_OF_MOTORS,
@@ -236,22 +237,30 @@ class EnvConfig(Settings):
         return self.randomization.names
 
     @property
-    def observed(self) -> int:
-        """Number of entries of an observation, without those of goals in a Dict."""
-        return self._bounds.size
+    def _blocks(self) -> dict[str, tuple[int, float]]:
+        """The blocks of an observation, in their order: number of entries, and their bound."""
+        n, speeds = self.n, self.observe_velocities
+        blocks: dict[str, tuple[int, float]] = {
+            "angles": (0 if self.with_sines else n, np.pi),
+            "sines": (n if self.with_sines else 0, 1.0),
+            "cosines": (n if self.with_sines else 0, 1.0),
+            "speeds": (n if speeds else 0, self.speed_limit),
+            "cart": ((2 if speeds else 1) if self.has_cart else 0, MAX_CART_ENTRY),
+            "goals": (n if self.observes_goals else 0, 1.0),
+            "context": (len(self.context_names) if self.observe_context else 0, 1.0),
+        }
+        return {name: block for name, block in blocks.items() if block[0] > 0}
+
+    @cached_property
+    def columns(self) -> Mapping[str, slice]:
+        """Where the blocks of an observation stand in it, in their order; those it has alone."""
+        ends = np.cumsum([size for size, _ in self._blocks.values()]).tolist()
+        return dict(zip(self._blocks, map(slice, [0, *ends], ends), strict=False))
 
     @property
-    def _bounds(self) -> FloatArray:
-        """The largest size of each entry of an observation, (numbers,)."""
-        parts = [(2 * self.n, 1.0) if self.with_sines else (self.n, np.pi)]
-        if self.observe_velocities:
-            parts.append((self.n, self.speed_limit))
-        if self.has_cart:
-            parts.append((2 if self.observe_velocities else 1, MAX_CART_ENTRY))
-        parts.append((self.n if self.observes_goals else 0, 1.0))
-        parts.append((len(self.context_names) if self.observe_context else 0, 1.0))
-        sizes, bounds = zip(*parts, strict=True)
-        return np.repeat(bounds, sizes)
+    def observed(self) -> int:
+        """Number of entries of an observation, without those of goals in a Dict."""
+        return [*self.columns.values()][-1].stop
 
     @property
     def has_cart(self) -> bool:
@@ -291,7 +300,8 @@ class EnvConfig(Settings):
 
         With `goal_env` it is a Dict: see `NPendulumEnv`.
         """
-        bound = self._bounds.astype(np.float32)
+        sizes, bounds = zip(*self._blocks.values(), strict=True)
+        bound = np.repeat(bounds, sizes).astype(np.float32)
         box = spaces.Box(-bound, bound, dtype=np.float32)
         return goal_space(box, self.n) if self.goal_env else box
 
@@ -303,24 +313,27 @@ def make_config(env: type, keywords: EnvKeywords) -> EnvConfig:
 
 
 def task_numbers(
-    config: EnvConfig, judge: int = 0, max_steps: int | None = None, **flags: bool
+    config: EnvConfig, judge: int = 0, max_steps: int | None = None, **more: float
 ) -> FloatArray:
     """Entries of `rows.Task`; `judge` is the number of a built-in mode, 0 of others."""
-    task = {
-        "MODE": judge,
-        "MAX_STEPS": math.inf if max_steps is None else max_steps,
-        "HOLD_STEPS": config.hold_steps,
-        "FORM": SINCOS if config.with_sines else ANGLES,
-        "SPEED_LIMIT": config.speed_limit,
-        "SPARSE": config.reward_type == "sparse",
-        "GOALS": config.mode.has_goals,
-        "OBSERVED_GOALS": config.observes_goals,
-        "RAIL": config.rail or 0.0,
-        "PER_CART_SPEED": config.cart_speed_factor,
-        "VELOCITIES": config.observe_velocities,
-        "UPRIGHTNESS": config.least_uprightness,
-        "RAIL_WEIGHT": config.mode.rail_weight,
-    } | flags
+    task = (
+        {
+            "MODE": judge,
+            "MAX_STEPS": math.inf if max_steps is None else max_steps,
+            "HOLD_STEPS": config.hold_steps,
+            "SPEED_LIMIT": config.speed_limit,
+            "SPARSE": config.reward_type == "sparse",
+            "GOALS": config.mode.has_goals,
+            "RAIL": config.rail or 0.0,
+            "PER_CART_SPEED": config.cart_speed_factor,
+            "UPRIGHTNESS": config.least_uprightness,
+            "RAIL_WEIGHT": config.mode.rail_weight,
+            "PIECES": 1,
+            "NOISY": config.joints.size,
+        }
+        | {f"AFTER_{name.upper()}": own.stop for name, own in config.columns.items()}
+        | more
+    )
     return np.array([task.get(name, 0.0) for name in Task._fields], np.float64)
 
 

@@ -68,16 +68,16 @@ class Episodes:
 
     Nothing in a environment depends on another environment, on B or on the number of threads.
     `outputs` has the results of the last step or start. `motors` and `sensors` are None where they
-    are ideal.
+    are ideal. Those of a `single` environment give plain numbers, to a mode of the user's own too.
     """
 
     def __init__(
-        self, config: EnvConfig, count: int, threads: int = 1, max_steps: int | None = None
-    ) -> None:
+        self, config: EnvConfig, count: int, threads: int = 1, max_steps: int | None = None,
+        *, single: bool = False,
+    ) -> None:  # fmt: skip
         self.config: EnvConfig = config
         self.count: int = count
-        self.is_single: bool = False  # whether a mode of the user's own is given plain numbers
-        self._max_steps = max_steps
+        self._made = threads, max_steps, single
         n, joints, random = config.chain.n, config.joints, config.randomization
         poses = len(Pose) if config.mode.has_goals else 0
         base = mechanism_of([config.chain]).base
@@ -112,19 +112,21 @@ class Episodes:
         self._task, observing = (
             task_numbers(
                 config, self._judge, max_steps, OBSERVES=observes,
-                DRIVEN=self.motors is not None, SENSED=self.sensors is not None,
+                PIECES=self.motors.pieces if self.motors else 1, SENSED=self.sensors is not None,
             )
             for observes in (False, True)
         )  # fmt: skip
         stepping = self.motors.plan if self.motors is not None else self._memory.plan(*timing)
         self._stepping = stepping, self._task
+        # what acts in a step beside ideal motors
+        self._driving = (self.seeds.keys, *self.motors.arrays) if self.motors else (None,) * 3
         self._looking = self._memory.plan(0.0, 0, math.inf), observing
         self.snapshots: Snapshots = Snapshots(
             config, self._memory, self.seeds.keys, self._kept_arrays
         )
         self.outputs: Outputs = Outputs(
-            config, self._memory, self.motors, self._context, with_quantities=self._judge == 0
-        )
+            config, self._memory, self._context, with_quantities=self._judge == 0, single=single
+        )  # fmt: skip
         self._kept = KeptOptions(count)
         # sub-environments that are not as made, by options or a state, and whether there are any
         self._altered = np.zeros(count, np.bool_)
@@ -141,10 +143,9 @@ class Episodes:
 
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
-        fresh: Episodes = type(self)(self.config, self.count, self._memory.threads, self._max_steps)
-        fresh.is_single = self.is_single
-        if fresh.motors is not None and self.motors is not None:
-            fresh.motors.noisy = self.motors.noisy
+        threads, max_steps, single = self._made
+        fresh: Episodes = type(self)(self.config, self.count, threads, max_steps, single=single)
+        fresh._task[Task.NOISY] = self._task[Task.NOISY]
         fresh.seeds.take(self.seeds)
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
         fresh._kept, fresh.some_altered = self._kept, True
@@ -319,17 +320,21 @@ class Episodes:
         if starting is not None:
             self.start(starting)
         self.outputs.renew()
-        if self.motors is not None:
-            self.motors.drive(self.seeds.keys, self._actions)
         self._run(*self._stepping)
         if self._judge == 0:
             self._judge_by_python(observes=False)
+
+    def set_noisy_motors(self, motors: int) -> None:
+        """Let noise and ripple act on this many motors, the first, alone."""
+        self._task[Task.NOISY] = motors
+        if self.motors is not None:
+            self.motors.forget_noise(motors)
 
     def _run(self, plan: Plan, task: FloatArray) -> None:
         """Call the step kernel, and then the sensors."""
         outputs, sensors = self.outputs, self.sensors
         written = outputs.observations, outputs.rows, outputs.flags
-        arrays = self._memory.record, self._actions, *written, task, self._wiring
+        arrays = self._memory.record, self._actions, *written, task, self._wiring, *self._driving
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
             sensors.observe(self.seeds.keys, outputs.observations, task, self._wiring, plan)
@@ -338,7 +343,7 @@ class Episodes:
         """Write reward, end and success as a mode of the user's own judges."""
         members, results = self._memory.members, self.outputs
         outputs, flags = results.rows[:, : self.count], results.flags[:, : self.count]
-        quantities = results.quantities(of_only_lane=self.is_single)
+        quantities = results.quantities()
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         own = [self._returned_by(method, quantities) for method in ("failed", "achieved")]

@@ -15,12 +15,12 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.motors import Command, apply_many, apply_one, draw_disturbances
+from npend_gym.envs.motors import Command, draw_disturbances
 from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import draw_sensor_noise, sense_many, sense_one
 from npend_gym.envs.settings import ERRORS_OF_MOTORS, OF_PUSHES, OF_SENSORS
-from npend_gym.physics.kernels.advance import advance_many, advance_one
-from npend_gym.physics.memory import Memory, Plan
+from npend_gym.physics.calls import Cut, Plan, plan_of
+from npend_gym.physics.memory import Memory
 
 
 def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[MotorCalls | None, SensorCalls | None]:
@@ -38,7 +38,7 @@ def _slots(delay: float) -> int:
 
 
 class MotorCalls:
-    """The motors of many lanes, and what pushes them."""
+    """The motors of many lanes, and what pushes them: their part in the step kernel."""
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._joints, substeps = memory, config.joints, config.min_substeps
@@ -47,19 +47,22 @@ class MotorCalls:
         varies |= config.action_delay % 1.0 > 0.0 or "action_delay" in config.context_names
         # where torques change within a step, it is divided into pieces of one substep
         self.pieces: int = substeps if varies else 1
-        piece = config.dt / self.pieces, substeps // self.pieces, config.max_rotation
-        self.plan: Plan = memory.plan(*piece)  # of a piece
-        kernels = (apply_one, advance_one) if memory.size == 1 else (apply_many, advance_many)
-        self._apply, self._advance = kernels
-        self.noisy: int = count  # motors with noise and ripple, the first ones
-        self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
+        piece = Cut(config.dt / self.pieces, substeps // self.pieces, config.max_rotation)
+        rods = memory.n * memory.width * self.pieces  # a call takes all pieces
+        self.plan: Plan = plan_of(piece, rods, memory.groups, memory.threads)  # of a piece
+        self.past: FloatArray = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
+
+    @property
+    def arrays(self) -> tuple[FloatArray, tuple[FloatArray]]:
+        """What the step kernel takes."""
+        return self.past, (self._commands,)
 
     @property
     def kept(self) -> dict[str, FloatArray]:
         """Views (lanes, ...) of what belongs to the state of an environment."""
         lagged, torques = (self._commands[block].T for block in (Command.LAGGED, Command.TORQUE))
-        return {"past_actions": self._past, "lagged_actions": lagged, "mean_torques": torques}
+        return {"past_actions": self.past, "lagged_actions": lagged, "mean_torques": torques}
 
     @property
     def torques(self) -> FloatArray:
@@ -71,9 +74,8 @@ class MotorCalls:
         """The force at the tip of each sub-environment in the last step [N], (lanes,)."""
         return self._commands[Command.PUSH, 0]
 
-    def set_noisy_motors(self, motors: int) -> None:
-        """Let noise and ripple act on this many motors, the first, alone."""
-        self.noisy = motors
+    def forget_noise(self, motors: int) -> None:
+        """Take the noise from all motors but this many, the first."""
         self._commands[Command.NOISE, motors:] = 0.0
 
     def disturbances(
@@ -81,7 +83,7 @@ class MotorCalls:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the noise of the torques [N m], (B, joints), and the forces at the tips [N], (B,).
 
-        They are those that `drive` draws for the environments in these steps of their episodes,
+        They are those that a step draws for the environments in these steps of their episodes,
         (B,).
         """
         memory, motors = self._memory, self._joints.size
@@ -89,15 +91,6 @@ class MotorCalls:
         draw_disturbances(memory.arrays[0], keys, dt, motors, self._commands)
         noise, push = self._commands[Command.NOISE, :motors], self.pushes
         return noise[:, : memory.size].T.copy(), push[: memory.size].copy()
-
-    def drive(self, keys: Keys, actions: FloatArray) -> None:
-        """Set the torques of a step, and take all of its pieces but the last."""
-        run = self._memory.run
-        arrays = keys, actions, self._joints, self.noisy, self._past, self._commands
-        for piece in range(self.pieces):
-            if piece > 0:
-                run(self._advance, (self._memory.record,), self.plan)
-            run(self._apply, (*arrays, piece, self.pieces), self.plan)
 
 
 class SensorCalls:

@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Generic, NamedTuple, TypeVar, get_args, get_origin
 
-import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import (  # a TypedDict of Python 3.10 cannot be generic
     NotRequired,
     TypedDict,
     get_type_hints,
 )
 
-from npend_gym._checks import BoolArray, FloatArray
+from npend_gym._checks import FloatArray
 
 _Real = TypeVar("_Real")
 _Count = TypeVar("_Count")
@@ -30,7 +28,7 @@ class Key(NamedTuple):
     unit: str
     text: str
     when: str = ""  # an attribute of `EnvConfig` that is true where the key is there; "": always
-    read: str = ""  # the method of `Outputs` that reads an array (B, k), which no kernel writes
+    read: bool = False  # whether `Outputs` reads it, an array (B, k), which no kernel writes
 
 
 class Info(TypedDict, Generic[_Real, _Count, _Truth]):
@@ -90,16 +88,16 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
         "the action; of the motor of a cart its force [N]. It is the mean over the step of what "
         "the motor exerted, with its limit, delay, lag, noise and ripple, and without pushes. 0.0 "
         "at the start",
-        when="joints.size", read="torques",
+        when="joints.size",
     )]]  # fmt: skip
     context: NotRequired[Annotated[FloatArray, Key(
         "", "with `randomize`: the numbers drawn for this episode, (k,), by "
         "`EnvConfig.context_names`",
-        when="context_names", read="context",
+        when="context_names", read=True,
     )]]  # fmt: skip
     goal: NotRequired[Annotated[FloatArray, Key(
         "rad", "in a mode with goals: the angles, 0 or pi, that the rods are to reach, shape (n,)",
-        when="mode.has_goals", read="goals",
+        when="mode.has_goals", read=True,
     )]]  # fmt: skip
     cart_position: NotRequired[Annotated[_Real, Key(
         "m", "with a cart: its place, from the middle of the rail",
@@ -119,10 +117,9 @@ def _table() -> Mapping[str, tuple[Any, Key]]:
     return table
 
 
-BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
 TABLE = _table()
 # The keys by what kernels write for them: a number, or a truth, of each environment, or a number of
-# a rod
+# a rod or a motor
 NUMBERS = [name for name, (kind, _) in TABLE.items() if kind in (_Real, _Count)]
 COUNTS = [name for name, (kind, _) in TABLE.items() if kind is _Count]
 TRUTHS = [name for name, (kind, _) in TABLE.items() if kind is _Truth]

@@ -15,9 +15,11 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
+from npend_gym.compiled.philox import Keys
 from npend_gym.envs.laws import law
 from npend_gym.envs.modes import Mode, Quantities
-from npend_gym.envs.observing import ObsArray, observe, within
+from npend_gym.envs.motors import Commands, drive, mean_torque
+from npend_gym.envs.observing import ObsArray, observe
 from npend_gym.envs.rows import (
     NUMBER_OF,
     OF_LANE,
@@ -26,7 +28,6 @@ from npend_gym.envs.rows import (
     Flag,
     Output,
     Pose,
-    Setting,
     Task,
     Wiring,
     first_row,
@@ -46,23 +47,6 @@ from npend_gym.physics.kernels.layout import (
 from npend_gym.physics.kernels.turning_points import Record
 
 _first_row = inlined_kernel(first_row)
-
-
-@inlined_kernel
-def _apply_actions(
-    numbers: FloatArray, g: int, group: Group, actions: FloatArray, wiring: FloatArray
-) -> None:
-    """Turn the actions (joints, lanes) of a group into torques; beyond +-1 they are clipped."""
-    squares = 0.0
-    for row in range(actions.shape[0]):
-        action, joint = within(actions[row, g], 1.0), int(wiring[Wiring.JOINT, row])
-        of_cart = joint == group.velocity.size
-        limit = numbers[Setting.max_force if of_cart else Setting.max_torque, g]
-        group.torque[joint] = limit * action
-        squares = squares + action * action
-    if actions.shape[0] > 1:
-        squares = squares / actions.shape[0]
-    numbers[Episode.MEAN_SQUARED_ACTION, g] = squares
 
 
 @inlined_kernel
@@ -280,11 +264,12 @@ def _begin_to_move(numbers: FloatArray, g: int) -> None:
 def _step(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
     record: Turns, actions: FloatArray, written: tuple[ObsArray, FloatArray, BoolArray],
-    task: FloatArray, wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
+    task: FloatArray, wiring: FloatArray, keys: Keys | None, past: FloatArray | None,
+    commands: Commands, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     observation, outputs, flags = written[0], view(written[1]), view(written[2])
-    numbers, work = view(members), view(scratch)
-    observes = task[Task.OBSERVES] > 0.0
+    numbers, work, acting = view(members), view(scratch), view(commands)
+    observes, n = task[Task.OBSERVES] > 0.0, rods.shape[2] // width - 1
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         group = group_of(numbers, view(rods), view(model), view(record), g)
         if observes:
@@ -292,13 +277,22 @@ def _step(
                 continue
             bob_velocities(group, work[Scratch.SIN], work[Scratch.COS])
         else:
-            if timing[Timing.FIRST_SUBSTEP] == 0.0 and task[Task.DRIVEN] == 0.0:
-                _apply_actions(numbers, g, group, view(actions), wiring)
-            advance_group(view, width, members, timing, scratch, g, group)
+            for piece in range(int(task[Task.PIECES])):
+                if timing[Timing.FIRST_SUBSTEP] == 0.0:
+                    drive(
+                        members, numbers, g, width, group, (actions, view(actions)), keys, past,
+                        commands, acting, wiring, task, piece, timing[Timing.DT],
+                    )  # fmt: skip
+                advance_group(view, width, members, timing, scratch, g, group)
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
             rows = view(rods)[g]
             quantities = _measure(numbers, rows, g, group, work, outputs, flags, task)
             _judge(numbers, g, quantities, outputs, flags, task, observes)
+            for j in range(actions.shape[0]):
+                joint = int(wiring[Wiring.JOINT, j])
+                outputs[_first_row(Block.TORQUE, n) + j, g] = mean_torque(
+                    acting, group, joint, j, g
+                )
             if task[Task.SENSED] == 0.0:
                 theta, omega = rods[g, Rod.THETA], rods[g, Rod.OMEGA]
                 observe(
@@ -313,13 +307,15 @@ def _step(
 def step_one(
     members: FloatArray, rods: FloatArray, model: Model, record: Turns, actions: FloatArray,
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
-    wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
+    wiring: FloatArray, keys: Keys | None, past: FloatArray | None, commands: Commands,
+    timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of one environment; see `step_many`."""
     written = bare(observation), bare(outputs), bare(flags)
     _step(
         bare, 1, bare(members), bare(rods), bare(model), bare(record), bare(actions), written,
-        bare(task), bare(wiring), bare(timing), bare(scratch),
+        bare(task), bare(wiring), bare(keys), bare(past), bare(commands), bare(timing),
+        bare(scratch),
     )  # fmt: skip
 
 
@@ -327,7 +323,8 @@ def step_one(
 def step_many(
     members: FloatArray, rods: FloatArray, model: Model, record: Turns, actions: FloatArray,
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
-    wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
+    wiring: FloatArray, keys: Keys | None, past: FloatArray | None, commands: Commands,
+    timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of the active sub-environments, and write the results of every sub-environment.
 
@@ -335,7 +332,7 @@ def step_many(
     ----------
     members, rods, model, record, timing, scratch
         As for `npend_gym.physics.kernels.advance.advance_many`, `members` with the rows of
-        `Episode`.
+        `Episode`; `timing` is of a piece of the step.
     actions : ndarray, shape (joints, lanes)
         Torque over its limit at each actuated joint; beyond +-1 it is clipped.
     observation : ndarray, float32, shape (lanes, numbers)
@@ -346,9 +343,16 @@ def step_many(
         Written.
     task : ndarray, shape (len(Task),)
     wiring : ndarray, shape (len(Wiring), n + 1)
+    keys : ndarray, uint64, shape (2, lanes)
+        This and what follows: None where motors are ideal.
+    past : ndarray, shape (lanes, slots, joints)
+        Clipped actions of the last steps, kept here; slots is a power of two.
+    commands : tuple of one ndarray, shape (len(Command), max(joints, 1), lanes)
+        Written; LAGGED is kept from step to step.
     """
     written = bare(observation), bare(outputs), bare(flags)
     _step(
         packs, WIDTH, bare(members), bare(rods), bare(model), bare(record), bare(actions), written,
-        bare(task), bare(wiring), bare(timing), bare(scratch),
+        bare(task), bare(wiring), bare(keys), bare(past), bare(commands), bare(timing),
+        bare(scratch),
     )  # fmt: skip

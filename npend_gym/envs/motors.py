@@ -1,33 +1,30 @@
-"""Motors that are not ideal: from the actions of a step to torques at the joints.
+"""Motors: from the actions of a step to torques at the joints, in the step kernel.
 
-Called before the step kernel where a keyword asks for it. What acts, in this order: the action is
-clipped; it waits for `action_delay` steps; the motor follows it with `motor_lag`; the limit makes a
-torque of it; noise and ripple are added. A push at the tip adds the torques that it exerts.
+What acts, in this order: the action is clipped; it waits for `action_delay` steps; the motor
+follows it with `motor_lag`; the limit makes a torque of it; noise and ripple are added. A push at
+the tip adds the torques that it exerts. Where motors are ideal, clip and limit alone are compiled.
 """
 
-# ruff: noqa: ARG001  all kernels have the parameters that `Memory.run` hands them
+# ruff: noqa: ARG001  ideal motors, and others, share their parameters
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from npend_gym._checks import FloatArray
 from npend_gym._streams import Purpose
-from npend_gym.compiled.arrays import NumbersOf, bare, packs
+from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.exponential import one_minus_exp
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel, kernel
 from npend_gym.compiled.normal import normal_pair
-from npend_gym.compiled.packs import WIDTH, any_of, where
+from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
 from npend_gym.envs.laws import law
-from npend_gym.envs.observing import wrapped
-from npend_gym.envs.rows import Episode, Setting
-from npend_gym.physics.kernels.layout import Group, Model, Timing, group_of
+from npend_gym.envs.observing import within, wrapped
+from npend_gym.envs.rows import Episode, Setting, Task, Wiring
+from npend_gym.physics.kernels.layout import Group
 
-Joints = NDArray[np.int64]
+Commands = tuple[FloatArray] | None  # (len(Command), max(m, 1), lanes); None: motors are ideal
 
 
 class CommandFields(NamedTuple):
@@ -171,10 +168,12 @@ def _follow(
 
 
 @inner_kernel
-def _add_ripple(numbers: FloatArray, g: int, group: Group, joints: Joints, half: float) -> None:
+def _add_ripple(
+    numbers: FloatArray, g: int, group: Group, joints: FloatArray, motors: int, half: float
+) -> None:
     """Add the ripple of the motors, at the angles of the joints after `half` [s]."""
-    for j in range(joints.size):
-        joint = joints[j]
+    for j in range(motors):
+        joint = int(joints[j])
         if joint == group.velocity.size:  # a cart has none
             continue
         phi = group.theta[joint] + half * group.omega[joint]
@@ -196,92 +195,85 @@ def _push_tip(force: Any, group: Group, half: float) -> None:
 
 
 @inlined_kernel
-def _drive(
-    numbers: FloatArray, g: int, group: Group, joints: Joints, noisy: int, commands: FloatArray,
-    piece: int, pieces: int, h: float,
+def _drive_ideal(
+    members: FloatArray, numbers: FloatArray, g: int, width: int, group: Group,
+    actions: tuple[FloatArray, FloatArray], keys: None, past: None, commands: None,
+    viewed: None, wiring: FloatArray, task: FloatArray, piece: int, h: float,
 ) -> None:  # fmt: skip
-    """Set the torques of a group in one of the equal pieces of the step, of `h` seconds."""
-    share, action = older_share(numbers, g, piece, pieces), commands[Command.ACTION]
-    older, newer = commands[Command.OLDER], commands[Command.NEWER]
-    for j in range(joints.size):
+    squares, own = 0.0, actions[1]
+    for row in range(own.shape[0]):
+        action, joint = within(own[row, g], 1.0), int(wiring[Wiring.JOINT, row])
+        of_cart = joint == group.velocity.size
+        limit = numbers[Setting.max_force if of_cart else Setting.max_torque, g]
+        group.torque[joint] = limit * action
+        squares = squares + action * action
+    if own.shape[0] > 1:
+        squares = squares / own.shape[0]
+    numbers[Episode.MEAN_SQUARED_ACTION, g] = squares
+
+
+@inlined_kernel
+def _drive_real(
+    members: FloatArray, numbers: FloatArray, g: int, width: int, group: Group,
+    actions: tuple[FloatArray, FloatArray], keys: Keys, past: FloatArray,
+    commands: tuple[FloatArray], viewed: tuple[FloatArray], wiring: FloatArray, task: FloatArray,
+    piece: int, h: float,
+) -> None:  # fmt: skip
+    pieces, motors, joints = int(task[Task.PIECES]), past.shape[2], wiring[Wiring.JOINT]
+    noisy, command, n = int(task[Task.NOISY]), viewed[0], group.velocity.size
+    if piece == 0:
+        _choose_actions(members, g, width, actions[0], past, commands[0])
+        _disturb(members, g, width, h * pieces, keys, noisy, commands[0])
+    share, action = older_share(numbers, g, piece, pieces), command[Command.ACTION]
+    older, newer = command[Command.OLDER], command[Command.NEWER]
+    for j in range(motors):
         action[j, g] = share * older[j, g] + (1.0 - share) * newer[j, g]
     if any_of(numbers[Setting.motor_lag, g] > 0.0):
-        _follow(numbers, g, commands, joints.size, share, h)
+        _follow(numbers, g, command, motors, share, h)
     for i in range(group.torque.size):
         group.torque[i] = 0.0
-    for j in range(joints.size):
-        if joints[j] == group.velocity.size:  # the force on a cart
-            group.torque[joints[j]] = exerted_on_cart(numbers, g, action[j, g])
+    for j in range(motors):
+        if joints[j] == n:  # the force on a cart
+            group.torque[n] = exerted_on_cart(numbers, g, action[j, g])
         else:
-            noise = commands[Command.NOISE, j, g]
-            group.torque[joints[j]] = exerted(numbers, g, action[j, g], noise)
+            noise = command[Command.NOISE, j, g]
+            group.torque[int(joints[j])] = exerted(numbers, g, action[j, g], noise)
     if any_of(numbers[Setting.torque_ripple, g] > 0.0):
-        _add_ripple(numbers, g, group, joints[:noisy], 0.5 * h)
-    for j in range(joints.size):
-        mean = group.torque[joints[j]] * (1.0 / pieces)
+        _add_ripple(numbers, g, group, joints, noisy, 0.5 * h)
+    for j in range(motors):
+        mean = group.torque[int(joints[j])] * (1.0 / pieces)
         if piece > 0:
-            mean = mean + commands[Command.TORQUE, j, g]
-        commands[Command.TORQUE, j, g] = where(numbers[Episode.STARTING, g] > 0.0, 0.0, mean)
-    if any_of(commands[Command.PUSH, 0, g] != 0.0):
-        _push_tip(commands[Command.PUSH, 0, g], group, 0.5 * h)
+            mean = mean + command[Command.TORQUE, j, g]
+        command[Command.TORQUE, j, g] = where(numbers[Episode.STARTING, g] > 0.0, 0.0, mean)
+    if any_of(command[Command.PUSH, 0, g] != 0.0):
+        _push_tip(command[Command.PUSH, 0, g], group, 0.5 * h)
 
 
-@spliced_kernel
-def _apply(
-    view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
-    keys: Keys, actions: FloatArray, joints: Joints, noisy: int, past: FloatArray,
-    commands: FloatArray, piece: int, pieces: int, timing: FloatArray,
+@chosen_by_type("commands", {0: _drive_ideal, 1: _drive_real})
+def drive(
+    members: FloatArray, numbers: FloatArray, g: int, width: int, group: Group,
+    actions: tuple[FloatArray, FloatArray], keys: Keys | None, past: FloatArray | None,
+    commands: Commands, viewed: Commands, wiring: FloatArray, task: FloatArray, piece: int,
+    h: float,
 ) -> None:  # fmt: skip
-    h = timing[Timing.DT]
-    if timing[Timing.FIRST_SUBSTEP] > 0.0:
-        return
-    for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        if piece == 0:
-            _choose_actions(members, g, width, actions, past, commands)
-            _disturb(members, g, width, h * pieces, keys, noisy, commands)
-        group = group_of(view(members), view(rods), view(model), None, g)
-        _drive(view(members), g, group, joints, noisy, view(commands), piece, pieces, h)
+    """Set the torques of a group in one of the equal pieces of the step, of `h` seconds.
 
-
-@kernel
-def apply_one(
-    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, actions: FloatArray,
-    joints: Joints, noisy: int, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
-    timing: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Set the torques of one environment; see `apply_many`."""
-    _apply(
-        bare, 1, bare(members), bare(rods), bare(model), bare(keys), bare(actions), bare(joints),
-        noisy, bare(past), bare(commands), piece, pieces, timing,
-    )  # fmt: skip
-
-
-@kernel
-def apply_many(
-    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, actions: FloatArray,
-    joints: Joints, noisy: int, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
-    timing: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Set the torques of every sub-environment for one of the equal pieces of a step.
-
-    Parameters
-    ----------
-    members, rods, model, timing, scratch
-        As for `npend_gym.envs.kernels.step_many`; DT is the time of the piece.
-    keys : ndarray, uint64, shape (2, lanes)
-    actions : ndarray, shape (m, lanes)
-        Raw actions of the m motors.
-    joints : ndarray, int64, shape (m,)
-        Where the motors are.
-    noisy : int
-        How many of them, the first, have noise and ripple.
-    past : ndarray, shape (lanes, slots, m)
-        Clipped actions of the last steps, kept here; slots is a power of two.
-    commands : ndarray, shape (len(Command), max(m, 1), lanes)
-        Written; LAGGED is kept from step to step, TORQUE from piece to piece.
-    piece, pieces : int
+    `numbers` and `viewed` are views of `members` and `commands`; `actions` has raw ones and a view.
     """
-    _apply(
-        packs, WIDTH, bare(members), bare(rods), bare(model), bare(keys), bare(actions),
-        bare(joints), noisy, bare(past), bare(commands), piece, pieces, timing,
-    )  # fmt: skip
+    raise NotImplementedError
+
+
+@inlined_kernel
+def _torque_of_ideal(commands: None, group: Group, joint: int, j: int, g: int) -> Any:
+    return group.torque[joint]
+
+
+@inlined_kernel
+def _torque_of_real(commands: tuple[FloatArray], group: Group, joint: int, j: int, g: int) -> Any:
+    return commands[0][Command.TORQUE, j, g]
+
+
+@chosen_by_type("commands", {0: _torque_of_ideal, 1: _torque_of_real})
+def mean_torque(commands: Commands, group: Group, joint: int, j: int, g: int) -> Any:
+    """Return the mean torque of motor `j`, at `joint`, in the last step."""
+    raise NotImplementedError

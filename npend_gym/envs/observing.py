@@ -14,7 +14,7 @@ from npend_gym.compiled.jit import inlined_kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import ROUND
 from npend_gym.envs.laws import law
-from npend_gym.envs.rows import MAX_CART_ENTRY, SINCOS, Pose, Task
+from npend_gym.envs.rows import MAX_CART_ENTRY, Pose, Task
 from npend_gym.physics.kernels.layout import Scratch
 
 ObsArray = NDArray[np.float32]
@@ -78,29 +78,29 @@ def observe(
     n + 1 numbers for each sub-environment: that of a cart is the last.
     """
     n, shown = omega.size // width - 1, scratch[Scratch.OBSERVED]
-    rows, column = observation[g * width : (g + 1) * width], n
+    rows = observation[g * width : (g + 1) * width]
     angles, speeds, numbers = view(theta), view(omega), view(shown)
-    sines, velocities = task[Task.FORM] == SINCOS, task[Task.VELOCITIES] > 0.0
-    if sines:
-        column = 2 * n
-        _write_columns(scratch[Scratch.SIN], width, rows[:, :n])
-        _write_columns(scratch[Scratch.COS], width, rows[:, n:column])
-    else:
+    last = int(task[Task.AFTER_SINES])
+    if last > 0:
+        _write_columns(scratch[Scratch.SIN], width, rows[:, last - n : last])
+        last = int(task[Task.AFTER_COSINES])
+        _write_columns(scratch[Scratch.COS], width, rows[:, last - n : last])
+    last = int(task[Task.AFTER_ANGLES])
+    if last > 0:
         for i in range(n):
             numbers[i] = angle_entry(angles[i])
-        _write_columns(shown, width, rows[:, :n])
-    if velocities:
-        if sines:
-            for i in range(n):
-                numbers[i] = speed_entry(speeds[i], per_speed[i], task)
-            _write_columns(shown, width, rows[:, column : column + n])
-        else:
-            _write_columns(omega, width, rows[:, column : column + n])
-        column += n
-    if task[Task.RAIL] > 0.0:
+        _write_columns(shown, width, rows[:, last - n : last])
+    last = int(task[Task.AFTER_SPEEDS])
+    if last > 0 and task[Task.AFTER_SINES] > 0.0:
+        for i in range(n):
+            numbers[i] = speed_entry(speeds[i], per_speed[i], task)
+        _write_columns(shown, width, rows[:, last - n : last])
+    elif last > 0:
+        _write_columns(omega, width, rows[:, last - n : last])
+    entries, last = 2 if last > 0 else 1, int(task[Task.AFTER_CART])
+    if last > 0:
         numbers[0], numbers[1] = cart_entries(angles[n], speeds[n], task)
-        entries = 2 if velocities else 1
-        _write_columns(shown, width, rows[:, column : column + entries])
-        column += entries
-    if task[Task.OBSERVED_GOALS] > 0.0:
-        _write_columns(rods[g, Pose.GOAL], width, rows[:, column : column + n])
+        _write_columns(shown, width, rows[:, last - entries : last])
+    last = int(task[Task.AFTER_GOALS])
+    if last > 0:
+        _write_columns(rods[g, Pose.GOAL], width, rows[:, last - n : last])

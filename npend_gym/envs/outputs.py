@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterable
-from operator import attrgetter
-from typing import Any, NamedTuple, cast
+from collections.abc import Callable
+from operator import attrgetter, itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,44 +15,18 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane, with_goals
-from npend_gym.envs.hardware import MotorCalls
-from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, TRUTHS, BatchInfo, Info
+from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, Info
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, first_row
-from npend_gym.physics.kernels.layout import Rod
 from npend_gym.physics.memory import Memory
 
-_ROWS, _REWARD = len(Output), Output.REWARD  # the reward is the last of these rows
+_REWARD = Output.REWARD
 _TERMINATED, _TRUNCATED = int(Flag.TERMINATED), int(Flag.TRUNCATED)
 
 
-def _rows_of(block: int, n: int) -> slice:
-    """Return the rows of a block with one for each rod."""
-    return slice(first_row(block, n), first_row(block + 1, n))
-
-
-def _info_maker(keys: Iterable[str], n: int, *, many: bool) -> Callable[..., Any]:
-    """Return a function that makes an info: from `Outputs`, rows, numbers among them, and flags.
-
-    It makes that of all environments, or, where these are not `many`, of the only one as plain
-    numbers. It is written as text, as namedtuples are, because a loop over the keys takes twice as
-    long.
-    """
-    entries: list[str] = []
-    for name in keys:
-        if name in TRUTHS:
-            value = f"flags[{getattr(Flag, name.upper())}]"
-        elif name in OF_RODS:
-            rods = _rows_of(getattr(Block, name.upper()), n)
-            value = f"rows[{rods.start}:{rods.stop}]" + (".T" if many else "")
-        elif name in NUMBERS:
-            value = f"numbers[{getattr(Output, name.upper())}]"
-            if name in COUNTS:
-                value = f"{value}.astype(np.int64)" if many else f"int({value})"
-        else:
-            value = f"outputs.{TABLE[name][1].read}({'' if many else 0})"
-        entries.append(f"{name!r}: {value}")
-    return eval(f"lambda outputs, rows, numbers, flags: {{{', '.join(entries)}}}")  # noqa: S307
+def _rows_of(block: int, n: int, size: int) -> slice:
+    """Return the first `size` rows of a block."""
+    return slice(first_row(block, n), first_row(block, n) + size)
 
 
 class EpisodeStarts(NamedTuple):
@@ -70,62 +44,78 @@ class Outputs:
     """The arrays that the step kernel writes, read.
 
     `context`, (lanes, numbers), is what is drawn for each lane. What modes judge by is kept where
-    there are goals, or `with_quantities`.
+    there are goals, or `with_quantities`. The `only_lane` of a single environment is read from
+    rows and flags that stay, whose numbers are copied.
     """
 
     def __init__(
-        self, config: EnvConfig, memory: Memory, motors: MotorCalls | None, context: FloatArray,
-        *, with_quantities: bool,
+        self, config: EnvConfig, memory: Memory, context: FloatArray, *, with_quantities: bool,
+        single: bool,
     ) -> None:  # fmt: skip
         self.config: EnvConfig = config
         self.count: int = memory.size
-        n = config.n
-        self._memory, self._motors, self._context = memory, motors, context
-        joints = config.joints
-        first = np.array_equal(np.arange(joints.size), joints)
-        # where the only environment has its torques: of the first joints in a slice, which is
-        # quicker
-        self._acted = 0, int(Rod.TORQUE), slice(joints.size) if first else joints
-        self._goal_env = config.goal_env
+        n, self._is_single = config.n, single
+        self._memory, self._context = memory, context
         self._shows_context = config.observe_context and context.shape[1] > 0
-        self._is_plain = not (self._shows_context or self._goal_env)
-        self._judged_by = slice(
-            first_row(Block.QUANTITIES, n), first_row(Block.QUANTITIES, n) + OF_LANE
-        )
-        rows = (
-            self._judged_by.stop
-            if with_quantities or config.mode.has_goals
-            else first_row(Block.COSINES, n)
-        )
+        self._is_plain = not (self._shows_context or config.goal_env)
+        first = first_row(Block.QUANTITIES, n)
+        self._judged_by = slice(first, first + OF_LANE)
+        judges = with_quantities or config.mode.has_goals
+        rows = self._judged_by.stop if judges else first_row(Block.COSINES, n)
         self._shapes = (
             (memory.lanes, config.observed), (rows, memory.columns), (len(Flag), memory.lanes)
         )  # fmt: skip
-        self._per_rod = {key: _rows_of(getattr(Block, key.upper()), n) for key in OF_RODS}
-        self._shown = tuple(
+        shown = self._shown = tuple(
             name for name, (_, key) in TABLE.items() if not key.when or attrgetter(key.when)(config)
         )
         self._everywhere = np.ones(self.count, np.bool_)
-        self._masks = [f"_{name}" for name in self._shown]
-        self._make_functions()
+        self._masks = [f"_{name}" for name in shown]
+        self._counted = [NUMBERS.index(name) for name in COUNTS if name in shown]
+        size = {"torque": config.joints.size}
+        self._blocks = {
+            name: _rows_of(getattr(Block, name.upper()), n, size.get(name, n))
+            for name in OF_RODS if name in shown
+        }  # fmt: skip
+        self._read = [name for name in shown if TABLE[name][1].read]
+        values = *Output._fields, *Flag._fields, *map(str.upper, (*self._blocks, *self._read))
+        self._pick = itemgetter(*(values.index(name.upper()) for name in shown))
+        self._renew_rows()
         self.renew()
+        self._bind()
 
-    def _make_functions(self) -> None:
-        self._info_of_one = _info_maker(self._shown, self.config.n, many=False)
-        self._info_of_all = _info_maker(self._shown, self.config.n, many=True)
+    def _bind(self) -> None:
+        """Find the arrays that infos are made of: in a copied environment they are others.
 
-    def __getstate__(self) -> dict[str, Any]:  # functions cannot be pickled
-        return self.__dict__ | {"_info_of_one": None, "_info_of_all": None}
+        Copies of a view as float64 have NumPy's own dtype there too: their pickles are the same.
+        """
+        memory, lanes = self._memory, 0 if self._is_single else slice(self.count)
+        reads: dict[str, Callable[[], FloatArray]] = {
+            "context": self._context[lanes].view(np.float64).copy,
+            "goal": lambda: np.where(memory.read(Pose.GOAL) < 0.0, math.pi, 0.0)[lanes],
+        }
+        self._reads = [reads[name] for name in self._read]
+        if self._is_single:
+            lane = self.rows[:, 0].view(np.float64)
+            self._numbers, self._flags = lane[: len(Output)], self.flags[:, 0]
+            self._reads = [*(lane[block].copy for block in self._blocks.values()), *self._reads]
+
+    def __getstate__(self) -> dict[str, Any]:
+        bound = "_reads", "_numbers", "_flags"
+        return {name: value for name, value in self.__dict__.items() if name not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._make_functions()
+        self._bind()
 
     def renew(self) -> None:
         """Make new arrays: those handed out before are not written again."""
-        observations, rows, flags = self._shapes
-        self.observations: NDArray[np.float32] = np.empty(observations, np.float32)
-        self.rows: FloatArray = np.empty(rows)  # of `Output`, then of the blocks of `Block`
-        self.flags: BoolArray = np.empty(flags, np.bool_)
+        self.observations: NDArray[np.float32] = np.empty(self._shapes[0], np.float32)
+        if not self._is_single:
+            self._renew_rows()
+
+    def _renew_rows(self) -> None:
+        self.rows: FloatArray = np.empty(self._shapes[1])  # of `Output`, then the blocks of `Block`
+        self.flags: BoolArray = np.empty(self._shapes[2], np.bool_)
 
     @property
     def observation(self) -> Any:
@@ -135,10 +125,11 @@ class Outputs:
             return observation
         if self._shows_context:
             shown = self.config.randomization.normalised(self._context[: self.count])
-            observation[:, observation.shape[1] - shown.shape[1] :] = shown
-        if not self._goal_env:
+            observation[:, self.config.columns["context"]] = shown
+        if not self.config.goal_env:
             return observation
-        cosines = self.rows[_rows_of(Block.COSINES, self.config.n), : self.count].T
+        n = self.config.n
+        cosines = self.rows[_rows_of(Block.COSINES, n, n), : self.count].T
         goals = self._memory.read(Pose.GOAL)
         return with_goals(observation, cosines, self.quantities().kinetic_energy, goals)
 
@@ -148,61 +139,43 @@ class Outputs:
         rewards, flags = self.rows[Output.REWARD], self.flags[:, : self.count]
         return rewards[: self.count], flags[Flag.TERMINATED], flags[Flag.TRUNCATED]
 
-    def quantities(self, *, of_only_lane: bool = False) -> Quantities[Any]:
-        """Quantities that a mode judges: arrays (B, ...), or plain numbers of a single lane."""
-        outputs = self.rows[:, 0] if of_only_lane else self.rows[:, : self.count]
-        theta, omega = (outputs[self._per_rod[key]].T for key in ("theta", "omega"))
+    def quantities(self) -> Quantities[Any]:
+        """Quantities that a mode judges: arrays (B, ...), or plain numbers of the only lane."""
+        outputs = self.rows[:, 0].copy() if self._is_single else self.rows[:, : self.count]
+        theta, omega = (outputs[self._blocks[key]].T for key in ("theta", "omega"))
         rows = outputs[self._judged_by]
-        each: list[Any] = rows.tolist() if of_only_lane else list(rows)
+        each: list[Any] = rows.tolist() if self._is_single else list(rows)
         return Quantities(*each, theta, omega)  # pyright: ignore[reportCallIssue]
 
     def masked_info(self, present: BoolArray | None = None) -> dict[str, Any]:
         """Return the info of all sub-environments with its masks, arrays (B,).
 
-        They are True in the sub-environments where info is `present`, by default all.
+        They are True in the sub-environments where info is `present`, by default all. The arrays,
+        (B, ...) of the last step or start, are handed out: the next step does not write to them.
         """
-        info = cast("dict[str, Any]", self.info())
-        if present is None:
-            present = self._everywhere.copy()
-        info.update(dict.fromkeys(self._masks, present))
+        rows, flags = self.rows[:, : self.count], self.flags[:, : self.count]
+        numbers = [*rows[: len(Output)]]
+        for row in self._counted:
+            numbers[row] = numbers[row].astype(np.int64)
+        blocks = [rows[block].T for block in self._blocks.values()]
+        info = self._info([*numbers, *flags, *blocks, *[read() for read in self._reads]])
+        info.update(
+            dict.fromkeys(self._masks, self._everywhere.copy() if present is None else present)
+        )
         return info
-
-    def info(self) -> BatchInfo:
-        """Return the info of all sub-environments, arrays (B, ...) of the last step or start.
-
-        They are handed out: the next step does not write to them.
-        """
-        rows = self.rows[:, : self.count]
-        return self._info_of_all(self, rows, rows, self.flags[:, : self.count])
 
     def only_lane(self) -> tuple[Any, float, bool, bool, Info[float, int, bool]]:
         """Result of `step` for the only sub-environment, as plain numbers: the quick way."""
-        lane, flags = self.rows[:, 0], self.flags[:, 0].tolist()
-        numbers = lane[:_ROWS].tolist()
-        info = self._info_of_one(self, lane, numbers, flags)
+        numbers, flags = self._numbers.tolist(), self._flags.tolist()
+        for row in self._counted:
+            numbers[row] = int(numbers[row])
+        info: Any = self._info(numbers + flags + [read() for read in self._reads])
         observation = self.observations[0] if self._is_plain else of_lane(self.observation, 0)
         return observation, numbers[_REWARD], flags[_TERMINATED], flags[_TRUNCATED], info
 
-    # -- what the table of the info names ---------------------------------------------------
-
-    def torques(self, lanes: Any = ...) -> FloatArray:
-        """Return the mean torque of each motor in the last step [N m], or force [N], (B, m)."""
-        if self._motors is None and lanes == 0:  # as below, in less time
-            return self._memory.arrays[1][self._acted].astype(np.float64)
-        if self._motors is not None:
-            acted = self._motors.torques[:, : self.count].T[lanes]
-        else:
-            acted = self._memory.read_at(Rod.TORQUE, self.config.joints)[lanes]
-        # in a copied environment too of NumPy's own float64, so that pickles are the same bytes
-        return acted.astype(np.float64, order="C")
-
-    def context(self, lanes: Any = ...) -> FloatArray:
-        """Return the numbers drawn for the episodes, (B, k)."""
-        return self._context[: self.count][lanes].copy()
-
-    def goals(self, lanes: Any = ...) -> FloatArray:
-        """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""
-        return np.where(self._memory.read(Pose.GOAL) < 0.0, math.pi, 0.0)[lanes]
+    def _info(self, values: list[Any]) -> dict[str, Any]:
+        """Return an info of the values of `Output` and `Flag`, of blocks, and of what is read."""
+        return dict(zip(self._shown, self._pick(values)))  # noqa: B905  strict takes 0.2 us
 
 
 def final_info(observation: Any, info: dict[str, Any], done: BoolArray) -> dict[str, Any]:

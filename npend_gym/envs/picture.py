@@ -14,8 +14,8 @@ from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.episodes import BoolArray, Episodes
-from npend_gym.envs.info import Info
 from npend_gym.envs.progress import CallGuard
+from npend_gym.envs.rows import Output
 from npend_gym.physics import energy
 from npend_gym.window import Window
 
@@ -90,10 +90,9 @@ class Camera:
         """Paint every sub-environment; return the pictures, or show them in the window."""
         if self._painter is None:
             return None
-        info = episodes.outputs.info()
         places = zip(episodes.places(), episodes.places(energy.bodies), strict=True)
         frames = tuple(
-            self._painter.paint(self._scene(episodes, info, lane, *of_lane))
+            self._painter.paint(self._scene(episodes, lane, *of_lane))
             for lane, of_lane in enumerate(places)
         )
         if self._window is None:
@@ -104,30 +103,30 @@ class Camera:
     def _scene(
         self,
         episodes: Episodes,
-        info: Info[Any, Any, Any],
         lane: int,
         positions: FloatArray,
         centres: FloatArray,
     ) -> render.Scene:
         trace = self._traces.get(lane)
         action, config = episodes.action(lane).clip(-1.0, 1.0), episodes.config
-        rail = config.rail or 0.0
+        rail, measured = config.rail or 0.0, config.measure_periods
+        numbers = episodes.outputs.rows[: len(Output), lane].tolist()
         forces, torques = np.split(action, [int(config.has_cart)])
         return render.Scene(
             positions=positions,
             # beside the end of a rail the chain leaves it
             reach=max(rail, episodes.chain_length(lane), float(np.abs(positions).max())),
-            time=float(info["time"][lane]),
-            energy=float(info["energy"][lane]),
-            pseudo_period=float(info["pseudo_period"][lane]) if "pseudo_period" in info else None,
-            completed=int(info["bobs_completed"][lane]) if "bobs_completed" in info else 0,
+            time=numbers[Output.TIME],
+            energy=numbers[Output.ENERGY],
+            pseudo_period=numbers[Output.PSEUDO_PERIOD] if measured else None,
+            completed=int(numbers[Output.BOBS_COMPLETED]) if measured else 0,
             torque=float(torques[0]) if torques.size else 0.0,
             caption=f"{config.mode.name}, n = {config.chain.n}",
             trace=np.array(trace) if trace else np.empty((0, 2)),
             centres=centres,
             joint=int(config.joints[forces.size]) if torques.size else 0,
             rail=rail,
-            cart=float(info["cart_position"][lane]) if "cart_position" in info else 0.0,
+            cart=numbers[Output.CART_POSITION] if config.has_cart else 0.0,
             force=float(forces[0]) if forces.size else 0.0,
             push=self._pushes.get(lane, (0.0, 0))[0],
         )

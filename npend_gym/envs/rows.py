@@ -63,8 +63,8 @@ FlagFields: Any = _named("FlagFields", [*map(str.upper, TRUTHS), "TERMINATED", "
 Output: Any = OutputFields(*range(len(OutputFields._fields)))
 Flag: Any = FlagFields(*range(len(FlagFields._fields)))
 
-# Blocks of rows of `outputs` after those of `Output`: n rows for the rods of each, and the last,
-# written where Python judges and in modes with goals, with the first OF_LANE of `Quantities`
+# Blocks of n + 1 rows of `outputs` after those of `Output`, for rods or motors. The last, written
+# where Python judges and in modes with goals, has the first OF_LANE of `Quantities`
 BlockFields: Any = _named("BlockFields", [*map(str.upper, OF_RODS), "COSINES", "QUANTITIES"])
 Block: Any = BlockFields(*range(len(BlockFields._fields)))
 OF_LANE = Quantities._fields.index("theta")  # quantities that are one number of an environment
@@ -72,7 +72,7 @@ OF_LANE = Quantities._fields.index("theta")  # quantities that are one number of
 
 def first_row(block: int, n: int) -> int:
     """Return the first row of a `Block` for chains of n rods."""
-    return len(Output) + block * n
+    return len(Output) + block * (n + 1)
 
 
 class TaskFields(NamedTuple):
@@ -81,19 +81,24 @@ class TaskFields(NamedTuple):
     MODE: int = 0  # number of a built-in mode; 0: Python judges
     MAX_STEPS: int = 1  # of an episode; infinite: any number
     HOLD_STEPS: int = 2  # over which the goal must have held
-    FORM: int = 3  # of the observation
-    SPEED_LIMIT: int = 4  # to which observed angular velocities are clipped
-    SPARSE: int = 5  # 1: the reward is 1 where the goal is met, else 0
-    GOALS: int = 6  # 1: each episode has a goal of its own
-    OBSERVED_GOALS: int = 7  # 1: which is observed after the angular velocities
-    RAIL: int = 8  # m, to each side of the middle; 0: there is no cart
-    PER_CART_SPEED: int = 9  # s/m, by which its observed velocity is multiplied
-    VELOCITIES: int = 10  # 1: velocities are observed
-    UPRIGHTNESS: int = 11  # below which a rod has fallen: the cosine of `max_tilt`; -inf: none
-    OBSERVES: int = 12  # 1: nothing moves; the call observes, in groups with a lane to be OBSERVED
-    DRIVEN: int = 13  # 1: motors that are not ideal have set the torques
-    SENSED: int = 14  # 1: sensors that are not ideal observe afterwards
-    RAIL_WEIGHT: int = 15  # by what share the reward is smaller at an end of the rail
+    SPEED_LIMIT: int = 3  # to which observed angular velocities are clipped
+    SPARSE: int = 4  # 1: the reward is 1 where the goal is met, else 0
+    GOALS: int = 5  # 1: each episode has a goal of its own
+    RAIL: int = 6  # m, to each side of the middle; 0: there is no cart
+    PER_CART_SPEED: int = 7  # s/m, by which its observed velocity is multiplied
+    UPRIGHTNESS: int = 8  # below which a rod has fallen: the cosine of `max_tilt`; -inf: none
+    OBSERVES: int = 9  # 1: nothing moves; the call observes, in groups with a lane to be OBSERVED
+    SENSED: int = 10  # 1: sensors that are not ideal observe afterwards
+    RAIL_WEIGHT: int = 11  # by what share the reward is smaller at an end of the rail
+    PIECES: int = 12  # of a step, in which motors act one after the other
+    NOISY: int = 13  # motors with noise and ripple, the first ones
+    # Columns after each block of an observation, see `EnvConfig.columns`; 0: it is not observed
+    AFTER_ANGLES: int = 14
+    AFTER_SINES: int = 15
+    AFTER_COSINES: int = 16
+    AFTER_SPEEDS: int = 17
+    AFTER_CART: int = 18
+    AFTER_GOALS: int = 19
 
 
 Task: TaskFields = TaskFields()
@@ -109,7 +114,6 @@ class WiringFields(NamedTuple):
 Wiring: WiringFields = WiringFields()
 
 
-ANGLES, SINCOS = 0.0, 1.0  # forms of the observation
 MAX_CART_ENTRY = 2.0  # to which a cart's place and velocity are clipped in observations
 
 

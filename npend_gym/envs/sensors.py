@@ -21,7 +21,7 @@ from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
 from npend_gym.envs.laws import law
 from npend_gym.envs.observing import ObsArray, observe, within, wrapped
-from npend_gym.envs.rows import SINCOS, Episode, Setting, Task, Wiring
+from npend_gym.envs.rows import Episode, Setting, Task, Wiring
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.layout import MAX_SPEED, Model, Rod, Scratch, Timing
 
@@ -174,7 +174,7 @@ def _sense(
                 numbers, g, work[_THETA, i], work[_OMEGA, i], noise, rounding
             )
         s, c = work[Scratch.SIN], work[Scratch.COS]
-        if task[Task.FORM] == SINCOS:
+        if task[Task.AFTER_SINES] > 0.0:
             for i in range(n):
                 s[i], c[i] = sincos(work[_THETA, i])
         theta, omega = scratch[_THETA, : (n + 1) * width], scratch[_OMEGA, : (n + 1) * width]

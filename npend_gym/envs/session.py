@@ -108,8 +108,9 @@ class Session:
         self.metadata = Session.metadata | {"render_fps": config.render_fps}
         self.render_mode = render_mode
         self.camera: Camera = Camera(render_mode, config)
-        self._episodes: Episodes = self._kind(config, lanes, threads, max_steps)
-        self._episodes.is_single = self._is_single
+        self._episodes: Episodes = self._kind(
+            config, lanes, threads, max_steps, single=self._is_single
+        )
         self._calls = CallGuard()
         _live.append(ref(self, _live.remove))
         if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them

@@ -165,8 +165,7 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         The others then stand for torques that no motor exerts.
         """
         count = _checks.count("motors", motors, low=0, high=self.config.joints.size)
-        if self._episodes.motors is not None:
-            self._episodes.motors.set_noisy_motors(count)
+        self._episodes.set_noisy_motors(count)
 
     def get_state(self, which: ArrayLike | None = None) -> States:
         """The whole state of all environments, or of some, by number or as a mask: records (k,).

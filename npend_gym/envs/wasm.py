@@ -10,7 +10,7 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.wasm import wasm_module
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.kernels import step_one
-from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Setting, Task, Wiring
+from npend_gym.envs.rows import NUMBER_OF, Episode, Flag, Output, Setting, Task, Wiring
 from npend_gym.envs.starts import begin_one
 from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing, Turn
 from npend_gym.physics.kernels.link_terms import BASE_AT, count_terms
@@ -42,7 +42,8 @@ def step_module(chain: Chain) -> bytes:
         {
             begin_one: f"void({memory}, float64[:, ::1])",
             step_one: f"void({memory}, float64[:, ::1], float32[:, ::1], float64[:, ::1], "
-            "boolean[:, ::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1])",
+            "boolean[:, ::1], float64[::1], float64[:, ::1], none, none, none, float64[::1], "
+            "float64[:, ::1])",
         }
     )
 
@@ -92,7 +93,6 @@ def step_constants(config: EnvConfig) -> dict[str, Any]:
     """
     task = {
         "mode": NUMBER_OF[type(config.mode)],
-        "form": SINCOS,
         "dt": config.dt,
         "hold": config.mode.hold,
         "torque": config.max_torque / config.chain.lifting_energy,

@@ -97,8 +97,9 @@ class MujocoEpisodes(Episodes):
     """Episodes whose chains MuJoCo moves; parameters are those of `Episodes`."""
 
     def __init__(
-        self, config: EnvConfig, count: int, threads: int = 1, max_steps: int | None = None
-    ) -> None:
+        self, config: EnvConfig, count: int, threads: int = 1, max_steps: int | None = None,
+        *, single: bool = False,
+    ) -> None:  # fmt: skip
         _check(config)
         mujoco = _mujoco()
         self._substeps = math.ceil(config.dt / _MAX_TIMESTEP * (1.0 - 1e-12))
@@ -111,7 +112,7 @@ class MujocoEpisodes(Episodes):
         # MuJoCo would begin anew where a motion leaves all bounds: here the episode ends
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET.value
         self._data = mujoco.MjData(self._model)
-        super().__init__(config, count, threads, max_steps)
+        super().__init__(config, count, threads, max_steps, single=single)
 
     def _run(self, plan: Plan, task: FloatArray) -> None:
         """Move the chains by MuJoCo; the step kernel, in which none is active, only judges them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, cast
@@ -195,21 +195,16 @@ def _quantities(
 def observe(config: EnvConfig, state: State) -> Tensor:
     """Return the observations of an environment, (..., numbers)."""
     lanes = state.lanes
+    shown = {"speeds": state.omega, "goals": lanes.goals, "context": lanes.context}
     if config.with_sines:
-        parts = [*state.sines, laws.speed_entry(state.omega, lanes.per_speed, lanes.task)]
+        shown["sines"], shown["cosines"] = state.sines
+        shown["speeds"] = laws.speed_entry(state.omega, lanes.per_speed, lanes.task)
     else:
-        parts = [laws.angle_entry(state.theta), state.omega]
-    of_cart: Sequence[Tensor] = ()
+        shown["angles"] = laws.angle_entry(state.theta)
     if config.has_cart:
-        of_cart = laws.cart_entries(state.place, state.velocity, lanes.task)
-    if not config.observe_velocities:
-        parts, of_cart = parts[:-1], of_cart[:1]
-    parts += of_cart
-    if config.observes_goals:
-        parts.append(lanes.goals)
-    if config.observe_context:
-        parts.append(lanes.context)
-    return torch.cat(parts, dim=-1)
+        entries = laws.cart_entries(state.place, state.velocity, lanes.task)
+        shown["cart"] = torch.cat(entries, dim=-1) if config.observe_velocities else entries[0]
+    return torch.cat([shown[name] for name in config.columns], dim=-1)
 
 
 def with_goals(observation: Tensor, state: State) -> dict[str, Tensor]:

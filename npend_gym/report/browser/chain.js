@@ -35,7 +35,7 @@ class Chain {
     array("chain", [rows(Parameter), n]);
     array("actions", [0, 1]); // none: `torque` says what acts
     array("observation", [1, 3 * n], Float32Array);
-    array("outputs", [rows(Output) + 3 * n, 1]);
+    array("outputs", [rows(Output) + 3 * (n + 1), 1]);
     array("flags", [rows(Flag), 1], Uint8Array);
     array("task", [rows(Task)]);
     array("wiring", [rows(Wiring), n + 1]);
@@ -50,10 +50,10 @@ class Chain {
     this.periods = this.arrays.record.subarray(Turn.PERIOD * (n + 1), Turn.PERIOD * (n + 1) + n);
     this.base = { theta: all("THETA"), omega: all("OMEGA"), torque: all("TORQUE") }; // a cart comes after the rods
     this.observation = this.arrays.observation;
-    const { task } = this.arrays, { mode, form, speedLimit } = this.physics.task;
+    const { task } = this.arrays, { mode, speedLimit } = this.physics.task;
     this.arrays.wiring.fill(1, Wiring.PER_SPEED * (n + 1));
-    task[Task.VELOCITIES] = 1;
-    [task[Task.MODE], task[Task.FORM]] = [mode, form];
+    [task[Task.MODE], task[Task.PIECES]] = [mode, 1];
+    [task[Task.AFTER_SINES], task[Task.AFTER_COSINES], task[Task.AFTER_SPEEDS]] = [n, 2 * n, 3 * n];
     [task[Task.MAX_STEPS], task[Task.SPEED_LIMIT]] = [Infinity, speedLimit];
     task[Task.UPRIGHTNESS] = -Infinity; // no rod is limited
   }
@@ -132,7 +132,7 @@ class Chain {
     members[Member.OBSERVED] = 1;
     const { handed } = this;
     this.call("step_one", handed.actions, handed.observation, handed.outputs, handed.flags,
-      handed.task, handed.wiring, handed.timing, handed.scratch);
+      handed.task, handed.wiring, 0, 0, 0, handed.timing, handed.scratch); // motors are ideal
   }
 
   output(name) { return this.arrays.outputs[this.layout.Output[name]]; }

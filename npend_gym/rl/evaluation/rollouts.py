@@ -210,23 +210,23 @@ class Observer:
 
     def _state(self, seen: FloatArray) -> dict[str, Any]:
         """State that observations, (B, k), show."""
-        config, n = self._config, self._config.n
-        theta, rest = seen[:, :n], seen[:, n:]
-        if config.with_sines:
-            theta, rest = np.arctan2(theta, seen[:, n : 2 * n]), seen[:, 2 * n :]
+        config = self._config
+        shown = {name: seen[:, columns] for name, columns in config.columns.items()}
+        theta = (
+            np.arctan2(shown["sines"], shown["cosines"]) if config.with_sines else shown["angles"]
+        )
         if self._theta is not None:
             theta = self._theta + wrap(theta - self._theta)
         self._theta = theta
         tip = energy.positions(config.chain, theta)[:, -1, 1]
         state: dict[str, Any] = {"theta": theta, "tip_height": tip}
-        speeds = n if config.observe_velocities else 0
         if config.rail is not None:
-            state["cart_position"] = rest[:, speeds] * config.rail
+            state["cart_position"] = shown["cart"][:, 0] * config.rail
         if not config.observe_velocities:
             return state
-        omega, velocity = rest[:, :n] * config.speed_scale, None
+        omega, velocity = shown["speeds"] * config.speed_scale, None
         if config.rail is not None:
-            velocity = state["cart_velocity"] = rest[:, n + 1] / config.cart_speed_factor
+            velocity = state["cart_velocity"] = shown["cart"][:, 1] / config.cart_speed_factor
         kinetic = energy.kinetic_of_motion(config.chain, theta, omega, velocity, None, None)
         return state | {
             "omega": omega, "energy": kinetic + energy.potential_energy(config.chain, theta)

@@ -73,21 +73,20 @@ def observation_of(
         raise ValueError(f"omega must have the shape of theta, {angles.shape}, got {speeds.shape}")
     if relative:
         angles, speeds = np.cumsum(angles, axis=-1), np.cumsum(speeds, axis=-1)
-    parts: list[Any] = [np.sin(angles), np.cos(angles)]
-    if not config.with_sines:
-        turned = np.float32(wrap(angles))
-        parts = [np.where(turned >= np.float32(np.pi), -np.float32(np.pi), turned)]
-    if config.observe_velocities:
-        limit = config.speed_limit
-        parts.append(np.clip(speeds / config.speed_scale, -limit, limit))
+    turned, limit = np.float32(wrap(angles)), config.speed_limit
+    parts: dict[str, Any] = {
+        "angles": np.where(turned >= np.float32(np.pi), -np.float32(np.pi), turned),
+        "sines": np.sin(angles),
+        "cosines": np.cos(angles),
+        "speeds": np.clip(speeds / config.speed_scale, -limit, limit),
+    }
     lead = angles.shape[:-1]
     place = _checks.broadcast("cart_position", cart_position, lead)
     velocity = _checks.broadcast("cart_velocity", cart_velocity, lead)
     if config.rail is not None:
-        entries = [place / config.rail]
-        if config.observe_velocities:
-            entries.append(velocity * config.cart_speed_factor)
-        parts += [np.clip(e, -MAX_CART_ENTRY, MAX_CART_ENTRY)[..., None] for e in entries]
+        entries = np.stack([place / config.rail, velocity * config.cart_speed_factor], axis=-1)
+        seen = entries if config.observe_velocities else entries[..., :1]
+        parts["cart"] = np.clip(seen, -MAX_CART_ENTRY, MAX_CART_ENTRY)
     elif np.any(place) or np.any(velocity):
         raise ValueError("cart_position and cart_velocity must be 0 for a chain without a cart")
     if (goal is not None) != config.observes_goals:
@@ -97,14 +96,14 @@ def observation_of(
     if goal is not None:
         goals = _rows("goal", goal, config.n)
         try:
-            parts.append(np.broadcast_to(np.cos(goals), angles.shape))
+            parts["goals"] = np.broadcast_to(np.cos(goals), angles.shape)
         except ValueError as error:
             wanted = f"({config.n},)" + (f" or {angles.shape}" if angles.ndim == 2 else "")
             raise ValueError(
                 f"goal must have the shape {wanted} for theta of shape {angles.shape}, "
                 f"got {goals.shape}"
             ) from error
-    return np.concatenate(parts, axis=-1).astype(np.float32)
+    return np.concatenate([parts[name] for name in config.columns], axis=-1).astype(np.float32)
 
 
 def check_observation(
