@@ -117,6 +117,8 @@ def planned_swing_up(
     seed: int = 0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
     cart_position: float = 0.0,
+    speed_weight: float = 0.0,
+    change_weight: float = 0.0,
 ) -> PlannedTransition:
     """Plan swing-ups and return the one that is least sensitive to deviations at its start.
 
@@ -144,7 +146,7 @@ def planned_swing_up(
         )
     return _best_plan(
         config, np.zeros(config.n), np.full(config.n, np.pi), GUESSES if guess is None else guess,
-        seconds, settle, tries, seed, progress, cart_position,
+        seconds, settle, tries, seed, progress, cart_position, (speed_weight, change_weight),
     )  # fmt: skip
 
 
@@ -160,6 +162,8 @@ def planned_transition(
     seed: int = 0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
     cart_position: float = 0.0,
+    speed_weight: float = 0.0,
+    change_weight: float = 0.0,
 ) -> PlannedTransition:
     """Plan motions between equilibria; return the one least sensitive to deviations at its start.
 
@@ -189,6 +193,9 @@ def planned_transition(
         May wrap the iteration over the guesses, as tqdm does.
     cart_position : float
         Where a cart ends [m]; it begins in the middle of its rail.
+    speed_weight, change_weight : float
+        A plan has little of the sum over steps of action^2 + (speed_weight [s/rad] speed of the
+        joints)^2 + (change_weight [s] rate of the action)^2: for slow joints and smooth torques.
 
     Returns
     -------
@@ -220,7 +227,7 @@ def planned_transition(
     )
     return _best_plan(
         config, begin, end, GUESSES[::-1] if guess is None else guess,
-        seconds, settle, tries, seed, progress, cart_position,
+        seconds, settle, tries, seed, progress, cart_position, (speed_weight, change_weight),
     )  # fmt: skip
 
 
@@ -235,8 +242,11 @@ def _best_plan(
     seed: int,
     progress: Callable[[Iterable[int]], Iterable[int]],
     cart_position: float,
+    weights: tuple[float, float],
 ) -> PlannedTransition:
     """Return the plan of `planned_transition`; start and goal are exact, (n,)."""
+    for name, weight in zip(("speed_weight", "change_weight"), weights, strict=True):
+        _checks.nonnegative_number(name, weight)
     place = checked_place(config, cart_position, MAX_PLACE)
     if np.array_equal(begin, end) and place == 0.0:
         cart = ", or cart_position another place" if config.has_cart else ""
@@ -253,7 +263,7 @@ def _best_plan(
     tries, seed = _checks.count("tries", tries), _checks.count("seed", seed, low=0)
     steps = [number_of_steps("seconds", each, config.dt) for each in durations]
     for count, kind in itertools.product(steps, guesses):
-        problem = Transcription(config, count, begin, end, place)
+        problem = Transcription(config, count, begin, end, place, weights)
         for drawn in _guesses(problem, kind, tries, seed):
             nominals = [problem.solve(*drawn[attempt]) for attempt in progress(range(len(drawn)))]
             found = [track(config, each, settle) for each in nominals if each is not None]

@@ -44,6 +44,9 @@ class Transcription:
 
     `start` and `goal` are equilibria, (n,): the angles at the start, and those at the end but for
     whole turns [rad]. A cart goes from the middle of its rail to `place` [m].
+
+    `weights` are those of the speeds of the joints and of the changes of the actions in time, beside
+    actions with the weight 1, see `planned_transition`.
     """
 
     def __init__(
@@ -53,6 +56,7 @@ class Transcription:
         start: FloatArray,
         goal: FloatArray,
         place: float = 0.0,
+        weights: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.n: int = config.chain.n
         self.joints: int = config.joints.size
@@ -65,6 +69,10 @@ class Transcription:
         self.end = np.zeros(self.size)  # the state in which the trajectory ends
         self.wanted = np.zeros((steps, self.joints))  # v
         self.scale: NDArray[Any] = np.repeat([1.0, 0.3], self.size // 2)
+        self.change: float = _ACTION_WEIGHT * weights[1] / config.dt  # of v, from step to step
+        rates = np.eye(self.size)[self.size // 2 :]  # of the joints, and of a cart, by the state
+        rates[1 : self.n] -= rates[: self.n - 1]
+        self.speeds: FloatArray = _ACTION_WEIGHT * weights[0] * rates
 
     def solve(
         self, end: FloatArray, z: FloatArray, like: NominalTrajectory | None = None
@@ -159,7 +167,12 @@ class Transcription:
         states, v = self.rows(z)
         v, far = v - self.wanted, beyond(self.model.config, states, MAX_PLACE)
         missed = float(np.vdot(defects, defects)) + float(np.vdot(far, far))
-        return weight**2 * missed + _ACTION_WEIGHT**2 * float(np.vdot(v, v))
+        wanted = _ACTION_WEIGHT * v, states @ self.speeds.T, self.change * self.changes(z)
+        return weight**2 * missed + sum(float(np.vdot(each, each)) for each in wanted)
+
+    def changes(self, z: FloatArray) -> FloatArray:
+        """Return by how much v changes from step to step, (steps - 1, joints)."""
+        return np.diff(self.rows(z)[1], axis=0)
 
     def normal_equations(
         self, z: FloatArray, defects: FloatArray, weight: float
@@ -180,6 +193,11 @@ class Transcription:
         columns[:, :both] = np.swapaxes(here, 1, 2) @ here
         columns[1:, range(size), range(size)] += scale[:, 0] ** 2
         columns[:, range(size, both), range(size, both)] += _ACTION_WEIGHT**2
+        columns[:, :size, :size] += self.speeds.T @ self.speeds
+        of_change = self.change**2
+        columns[1:, range(size, both), range(size, both)] += of_change
+        columns[:-1, range(size, both), range(size, both)] += of_change
+        columns[:-1, range(both + size, 2 * both), range(size, both)] -= of_change
         far = beyond(self.model.config, states[:-1], MAX_PLACE)
         columns[:, self.n, self.n] += weight**2 * (far != 0.0)
         columns[:, both : both + size] = -scale * here
@@ -190,6 +208,10 @@ class Transcription:
         gradient[1:, :size] -= scale[:, 0] * residual[:-1]
         gradient[:, self.n] += weight**2 * far
         gradient[:, size:] += _ACTION_WEIGHT**2 * (self.rows(z)[1] - self.wanted)
+        gradient[:, :size] += states[:-1] @ self.speeds.T @ self.speeds
+        changes = of_change * self.changes(z)
+        gradient[1:, size:] += changes
+        gradient[:-1, size:] -= changes
         return band[:, size:], gradient.ravel()[size:]
 
 

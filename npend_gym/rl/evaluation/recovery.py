@@ -1,14 +1,15 @@
 """RealAIGym's score of 2025: how long a chain is up that is disturbed again and again.
 
-`GlobalPolicyTestingControllerV2` and `leaderboard/pendubot/simulation_v3` of
-dfki-ric-underactuated-lab/double_pendulum have the definition and the numbers, which
+`GlobalPolicyTestingControllerV2` of dfki-ric-underactuated-lab/double_pendulum has the definition.
+`leaderboard/pendubot/simulation_v3` and `experiments/icra_2025` have the numbers, which
 docs/explanation/scores.md tells.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,31 @@ from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, evaluating, setting_of
 
 STEP = 0.002  # s, of the motors that knock the chain down; the controller keeps its own step
-# Over the torque limit, 6 N m there: N m/rad, N m/(rad s) and N m s/rad. Their kp = 10, ki = 0.1
-# and kd = 1 are for steps of 0.001 s, and they take steps of 0.002 s.
-_STIFFNESS, _INTEGRAL, _DAMPING = 10.0 / 6.0, 0.05 / 6.0, 2.0 / 6.0
+_ROBOT_LENGTH = 0.5  # m
+
+
+class Rule(NamedTuple):
+    """When the motors that knock the chain down act, and how.
+
+    Torques are divided by the torque limit, 6 N m there. Their ki and kd are for steps of 0.001 s,
+    and they take steps of 0.002 s.
+    """
+
+    resets: int
+    seconds: float  # of each
+    stiffness: float  # 1/rad
+    integral: float  # 1/(rad s)
+    damping: float  # s/rad
+    most: float = math.inf  # of the part of the torque that the stiffness causes
+    max_angle: float = math.inf  # of a joint [rad]; beyond, a knock-down begins early
+    max_speed: float = math.inf  # rad/s, likewise, for a chain of their length
+
+
+RULES = {
+    "simulation": Rule(15, 0.2, 10.0 / 6.0, 0.05 / 6.0, 2.0 / 6.0),
+    "hardware": Rule(10, 1.0, 2.0 / 6.0, 0.0, 0.6 / 6.0, 3.0 / 6.0, 3.5 * math.pi, 20.0),
+}
+_CALM = 10  # steps within the limits, before which no knock-down ends
 
 
 class Turner:
@@ -39,8 +62,11 @@ class Turner:
     calls [s].
     """
 
-    def __init__(self, config: EnvConfig, lanes: int, step: float) -> None:
+    def __init__(
+        self, config: EnvConfig, lanes: int, step: float, rule: Rule = RULES["simulation"]
+    ) -> None:
         self._chain, self._limit, self._step = config.chain, config.max_torque, step
+        self._rule = rule
         self._sum, self._last = np.zeros((lanes, config.n)), np.zeros((lanes, config.n))
         self._calls = np.zeros((lanes, 1))
 
@@ -52,8 +78,9 @@ class Turner:
         self._sum += np.where(on, error, 0.0)
         change = np.where(self._calls > 2.0, error - self._last, 0.0)
         self._last = np.where(on, error, self._last)
-        drive = _STIFFNESS * error + _INTEGRAL * self._step * self._sum
-        drive += _DAMPING / self._step * change
+        rule = self._rule
+        drive = np.clip(rule.stiffness * error, -rule.most, rule.most)
+        drive += rule.integral * self._step * self._sum + rule.damping / self._step * change
         hold = holding_torques(self._chain, theta)
         torque = np.clip(np.clip(limit * drive, -limit, limit) + hold, -limit, limit)
         return np.where(on, torque, 0.0)
@@ -62,39 +89,53 @@ class Turner:
 class KnockDowns:
     """For short times, motors at all joints turn them to random angles, in place of the controller.
 
-    The controller that does so, a `Turner`, knows the exact state. Each of `count` knock-downs
-    lasts for some `seconds`; `acts`, (steps, lanes), says in which steps of `step` [s].
+    The controller that does so, a `Turner`, knows the exact state. Each knock-down lasts for
+    `rule.seconds`. One begins early where a joint is beyond the limits of the rule, and then all
+    later ones wait for the time since the one before. `steps` of `step` seconds are called in
+    their order.
     """
 
     def __init__(
-        self,
-        config: EnvConfig,
-        step: float,
-        steps: int,
-        lanes: int,
-        count: int,
-        seconds: float,
-        seed: int,
+        self, config: EnvConfig, step: float, steps: int, lanes: int, rule: Rule, seed: int
     ) -> None:
-        rng = np.random.default_rng([seed, 2])
-        time = steps * step
+        rng, count = np.random.default_rng([seed, 2]), rule.resets
+        time, self._step, self._lanes = steps * step, step, np.arange(lanes)
         regular = time * np.arange(1, count + 1) / (count + 1)
         begins = regular + rng.uniform(-1.0, 1.0, (lanes, count)) * time / 60.0
-        now = step * np.arange(steps)
-        self.acts: BoolArray = np.zeros((steps, lanes), np.bool_)
-        self._which = np.zeros((steps, lanes), np.int64)
-        for k in range(count):
-            since = now[:, None] - begins[:, k] + 1e-9
-            on = (since >= 0.0) & (since < seconds)
-            self.acts |= on
-            self._which[on] = k
+        self._begins = np.pad(begins, [(0, 0), (0, 1)], constant_values=np.inf)
         self._goals = rng.uniform(-np.pi, np.pi, (lanes, max(1, count), config.n))
-        self._turner, self._lanes = Turner(config, lanes, step), np.arange(lanes)
+        if math.isfinite(rule.max_angle):  # more of them may begin
+            more = rng.uniform(-np.pi, np.pi, (lanes, 9 * count + 1, config.n))
+            self._goals: FloatArray = np.concatenate([self._goals, more], axis=1)
+        self._rule = rule
+        speed = rule.max_speed / math.sqrt(config.chain.total_length / _ROBOT_LENGTH)
+        self._limits = (("theta", rule.max_angle), ("omega", speed))
+        self._turner = Turner(config, lanes, step, rule)
+        self.acts = np.zeros(lanes, np.bool_)  # where one goes on
+        self._regular, self._begun = np.zeros((2, lanes), np.int64)  # of them, and of all
+        # when it began, when it was planned, and by how much all others are put off
+        self._since, self._last, self._wait = np.zeros((3, lanes))
+        self._calm = np.full(lanes, _CALM)
 
     def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
         """Return the torques of a step, zero in sub-environments where the controller acts."""
-        acts, goal = self.acts[step], self._goals[self._lanes, self._which[step]]
-        return self._turner(goal, info["theta"], acts), ~acts
+        now, beyond = step * self._step, np.zeros(len(self._lanes), np.bool_)
+        for name, limit in self._limits:
+            if math.isfinite(limit):
+                beyond |= (np.abs(np.diff(info[name], axis=1, prepend=0.0)) > limit).any(axis=1)
+        self._calm = np.where(beyond, 0, self._calm + 1)
+        planned = self._begins[self._lanes, self._regular] + self._wait
+        begin = (beyond | (now + 1e-9 >= planned)) & ~self.acts
+        over = (now - self._since + 1e-9 >= self._rule.seconds) & (self._calm >= _CALM)
+        early = begin & beyond
+        self._wait += np.where(early, now - self._last, 0.0)
+        self._regular += begin & ~early
+        self._begun += begin
+        self._since = np.where(begin, now, self._since)
+        self._last = np.where(early, now, np.where(begin, planned, self._last))
+        self.acts: BoolArray = self.acts & ~over | begin
+        goals = self._goals[self._lanes, np.maximum(self._begun - 1, 0) % self._goals.shape[1]]
+        return self._turner(goals, info["theta"], self.acts), ~self.acts
 
 
 class Held:
@@ -148,8 +189,9 @@ def recovery(
     seed: int = HELD_OUT,
     episodes: int = 20,
     seconds: float = 60.0,
-    resets: int = 15,
-    reset_seconds: float = 0.2,
+    resets: int | None = None,
+    reset_seconds: float | None = None,
+    rule: str = "simulation",
 ) -> Recovery:
     """Score of the third AI Olympics with RealAIGym: the share of time up between knock-downs.
 
@@ -165,6 +207,10 @@ def recovery(
     then ends that much later. `randomize` is left out. No force acts on a cart while joints
     are turned, and beyond the end of its rail an episode is over.
 
+    ``rule="hardware"`` is that of the competition on the robot: the chain is disturbed 10 times for
+    1 s by weaker motors. Where a joint turns further than 3.5 pi, or faster than 20 rad/s
+    sqrt(0.5 m / length), a disturbance begins early and all later ones are put off.
+
     Parameters
     ----------
     model, env
@@ -174,10 +220,12 @@ def recovery(
     episodes : int
     seconds : float
         Duration of an episode.
-    resets : int
-        Number of knock-downs.
-    reset_seconds : float
-        Duration of each.
+    resets : int, optional
+        Number of knock-downs; by default that of the rule, 15 or 10.
+    reset_seconds : float, optional
+        Duration of each; by default that of the rule, 0.2 s or 1 s.
+    rule : str
+        "simulation" or "hardware".
 
     Returns
     -------
@@ -191,7 +239,8 @@ def recovery(
     References
     ----------
     J. S. B. Choe, B. Choi and J. Kim, arXiv:2505.07516 (2025); `leaderboard/pendubot/simulation_v3`
-    and `GlobalPolicyTestingControllerV2` of dfki-ric-underactuated-lab/double_pendulum.
+    and `GlobalPolicyTestingControllerV2` of dfki-ric-underactuated-lab/double_pendulum;
+    `experiments/icra_2025` there for the rule "hardware".
     `benchmarks/realaigym.py` measures the score in their simulator too; docs/explanation/scores.md
     has both.
 
@@ -203,10 +252,13 @@ def recovery(
     0.8
     """
     _checks.count("seed", seed, low=0)
-    count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
+    count, chosen = _checks.count("episodes", episodes), RULES[_checks.choice("rule", rule, RULES)]
+    times = chosen.resets if resets is None else _checks.count("resets", resets, low=0)
     nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)
-    length = _checks.positive_number("reset_seconds", reset_seconds)
+    length = chosen.seconds if reset_seconds is None else reset_seconds
+    length = _checks.positive_number("reset_seconds", length)
+    chosen = chosen._replace(resets=times, seconds=length)
     parts = max(1, round(config.dt / STEP))
     for name in ("observation_delay", "action_delay"):
         if parts * getattr(config, name) > MAX_DELAY:
@@ -215,7 +267,7 @@ def recovery(
                 f"evaluated by recovery, whose motors act every {STEP:g} s; "
                 f"got {getattr(config, name):g}"
             )
-    knocks = KnockDowns(config, config.dt / parts, parts * steps, count, times, length, seed)
+    knocks = KnockDowns(config, config.dt / parts, parts * steps, count, chosen, seed)
     shorter = nominal._replace(keywords=_divided(nominal.keywords, config, parts))
     envs, up = DisturbedEnvs(shorter, count, knocks), np.zeros(count)
     for running, _, _, info in rollout(Held(controller, parts), envs, seed):

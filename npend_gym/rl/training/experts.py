@@ -210,7 +210,8 @@ def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition
     """Return the plan for the nominal chain."""
     seed = settings.plan_seed
     seed = guess + (settings.guesses * settings.seed if seed is None else seed)
-    options: dict[str, Any] = {"tries": settings.tries, "guess": "mpc", "seed": seed}
+    options: dict[str, Any] = {"tries": settings.tries, "guess": settings.plan_guess, "seed": seed}
+    options |= {name: getattr(settings, name) for name in ("speed_weight", "change_weight")}
     plan = planned_swing_up(config, settings.seconds, **options)
     errors = settings.noise_std, settings.error_weight
     return steadied(config, plan, settings.variants, seed, *errors)

@@ -17,9 +17,13 @@ class Settings(TrainingSettings):
     guesses: int = 4  # that may lead to trajectories, each an expert
     plan_seed: int | None = None  # of the first guess; by default another for each `seed`
     tries: int = 1  # for each of them; the least sensitive trajectory counts
+    plan_guess: str = "mpc"  # or "waves", see `planned_swing_up`
+    speed_weight: float = 0.0  # [s/rad] of a plan: for slow joints, likewise
+    change_weight: float = 0.0  # [s] of a plan: for smooth torques
     variants: int = 0  # of a plan that are tried, to keep what errors lead less astray from
     error_weight: float = 0.0  # of slightly wrong chains, and of lags, where plans are compared
     rescuer: str = ""  # acts where an expert has lost the chain: a policy or its file, or "mpc"
+    knocked: float = 0.0  # share of the episodes that start after a knock-down, with a rescuer
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     chain_factors: int = 4  # below 1 and above, of each parameter of a rod that may be wrong
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
@@ -85,6 +89,14 @@ _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
     "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
+# Plans that RealAIGym's performance scores well; each step of the environment changes the torque
+_SMOOTH: dict[str, Any] = {
+    "seconds": 2.0, "plan_guess": "waves", "plan_seed": 1, "guesses": 1, "speed_weight": 0.045,
+    "change_weight": 0.1, "rounds": 55, "num_envs": 192, "knocked": 0.6, "noise_std": 0.3,
+    "student_fraction": 0.35, "standing": 300, "kept": 0.15, "averaging": 0.998,
+    "updates": 600, "obs_scale": (0.5, 0.5, 4.0),
+}  # fmt: skip
+_SMOOTH_ELBOW = {"seconds": 2.6, "plan_seed": 16, "speed_weight": 0.04}
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
 _SIX: dict[str, Any] = _QUICK | {
     "seconds": 8.0, "plan_seed": 5, "tries": 4, "variants": 40, "noise_std": 0.02, "rounds": 60,
@@ -109,6 +121,8 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-robust": {"rescuer": "swingup-2"},
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
+    "swingup-2-acrobot-smooth": _SMOOTH | _SMOOTH_ELBOW | {"rescuer": "swingup-2-acrobot"},
+    "swingup-2-pendubot-smooth": _SMOOTH | {"rescuer": "swingup-2-pendubot-recovery"},
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
     "swingup-5-robust": _FIVE,
