@@ -59,6 +59,17 @@ def plans():
     return found
 
 
+def test_a_share_of_the_episodes_starts_after_a_knock_down():
+    dagger = dagger_of(knocked=0.5, num_envs=256)
+    _, starts = dagger.starts(np.random.default_rng(0))
+    spread = dagger.lanes.config.spread
+    hangs = (np.abs(starts["theta"]) <= spread) & (np.abs(starts["omega"]) <= spread)
+    assert 0.35 < hangs.mean() < 0.65
+    _, info = dagger.lanes.reset(0, dagger.expert.chains, np.random.default_rng(0), starts)
+    np.testing.assert_array_equal(info["theta"], starts["theta"])
+    np.testing.assert_array_equal(info["omega"], starts["omega"])
+
+
 def test_the_expert_takes_over_from_a_student_that_knows_nothing_but_not_everywhere(dagger):
     assert dagger.play(0) == {}
     score = dagger.play(1)
@@ -523,6 +534,8 @@ def test_a_rescuer_that_does_not_fit_is_refused_before_anything_is_planned(
     for fitting in ("swingup-2-robust", "swingup-2-acrobot-robust", "swingup-2-pendubot-robust"):
         with pytest.raises(NameError):
             imitation.train(imitation.settings_of(fitting))
+    with pytest.raises(ValueError, match="knocked must be 0 without a rescuer"):
+        imitation.train(imitation.settings_of("swingup-2", knocked=0.5))
     for name in ("student_fraction", "kept"):
         with pytest.raises(ValueError, match=f"{name} must be"):
             imitation.train(imitation.settings_of("swingup-1", **{name: 0.0}))

@@ -157,6 +157,41 @@ def test_similar_chains_have_similar_plans_where_these_are_to_be_like_one_plan(t
     assert steps[True] < 0.03 < steps[False]
 
 
+@pytest.mark.parametrize("keywords", [{"n": 2}, {"n": 2, "base": "cart"}])
+def test_the_gradient_of_a_plans_cost_is_that_of_finite_differences(keywords):
+    config, rng = EnvConfig(mode="swingup", **keywords), np.random.default_rng(0)
+    problem = Transcription(config, 6, np.zeros(2), np.full(2, np.pi), weights=(0.3, 0.2))
+    size = 6 * (problem.size + problem.joints) - problem.size
+    z, directions = rng.normal(0.0, 0.5, size), rng.normal(size=(8, size))
+    _, gradient = problem.normal_equations(z, problem.defects(z), 2.0)
+    for along in directions:
+        ends = [z + h * along for h in (1e-5, -1e-5)]
+        difference = np.diff([problem.cost(end, problem.defects(end), 2.0) for end in ends])[0]
+        assert 2.0 * gradient @ along == pytest.approx(-difference / 2e-5, rel=1e-5)
+    # without motion between the states, the band is the second derivative of what is left
+    still = Transcription(config, 6, np.zeros(2), np.full(2, np.pi), weights=(0.3, 0.2))
+    costs = [still.cost(z + h * directions[0], 0.0 * still.defects(z), 0.0) for h in (1, 0, -1)]
+    left, _ = still.normal_equations(z, 0.0 * still.defects(z), 0.0)
+    matrix = sum(np.diag(left[k, : size - k], -k) for k in range(len(left)))
+    matrix += np.tril(matrix, -1).T
+    expected = 0.5 * (costs[0] - 2.0 * costs[1] + costs[2])
+    assert directions[0] @ matrix @ directions[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_weights_make_a_plan_slow_and_smooth():
+    config = EnvConfig(n=1, mode="swingup", max_torque=5.0)
+    plain, slow, smooth = (
+        planned_swing_up(config, 3.0, tries=1, guess="waves", **weights).nominal
+        for weights in ({}, {"speed_weight": 3.0}, {"change_weight": 1.0})
+    )
+    speeds = [np.square(plan.states[:, 1]).sum() for plan in (plain, slow)]
+    changes = [np.square(np.diff(plan.actions, axis=0)).sum() for plan in (plain, smooth)]
+    assert speeds[1] < 0.95 * speeds[0]
+    assert changes[1] < 0.5 * changes[0]
+    with pytest.raises(ValueError, match="change_weight must be"):
+        planned_swing_up(config, 3.0, change_weight=-1.0)
+
+
 def test_a_plan_begins_from_any_whole_turn():
     plan = planned_swing_up(EnvConfig(n=1, mode="swingup"), 3.0, tries=1, guess="mpc")
     info = {"theta": np.array([[0.02], [-0.01]]), "omega": np.zeros((2, 1)), "time": np.zeros(2)}

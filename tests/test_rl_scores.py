@@ -16,7 +16,7 @@ from npend_gym.envs import EnvConfig, SwingUp
 from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.evaluation.performance import _most
-from npend_gym.rl.evaluation.recovery import KnockDowns, Turner, _divided
+from npend_gym.rl.evaluation.recovery import RULES, KnockDowns, Turner, _divided
 from npend_gym.rl.evaluation.rollouts import rollout
 
 pytestmark = pytest.mark.long  # kernels of links take long to compile
@@ -117,13 +117,64 @@ def test_knock_downs_cost_time_and_a_chain_that_never_rises_is_never_up():
 
 
 def test_knock_downs_come_as_often_and_as_long_as_asked_for():
-    knocks = KnockDowns(EnvConfig(**STRONG), 0.002, 30_000, 40, count=15, seconds=0.2, seed=0)
-    begins = np.diff(knocks.acts.astype(int), axis=0) == 1
+    knocks = KnockDowns(EnvConfig(**STRONG), 0.002, 30_000, 40, RULES["simulation"], seed=0)
+    still = {"theta": np.zeros((40, 2)), "omega": np.zeros((40, 2))}
+    acts = np.array([~knocks(k, still)[1] for k in range(30_000)])
+    begins = np.diff(acts.astype(int), axis=0) == 1
     assert begins.sum(axis=0).tolist() == [15] * 40
-    assert set(knocks.acts.sum(axis=0).tolist()) <= set(range(15 * 100 - 15, 15 * 100 + 16))
+    assert set(acts.sum(axis=0).tolist()) <= set(range(15 * 100 - 15, 15 * 100 + 16))
     for lane in range(40):
         regular = 60.0 / 16.0 * np.arange(1, 16)
         assert np.all(np.abs(0.002 * np.flatnonzero(begins[:, lane]) - regular) <= 1.002)
+
+
+class Interruptions:
+    """When RealAIGym's controller takes over on the robot, by the words of the notes: 1 s each."""
+
+    def __init__(self, planned):
+        self.planned, self.last, self.since = list(planned), 0.0, None
+        self.fast_at, self.numbers = -1.0, []
+
+    def acts(self, now, joints, speeds):
+        fast = max(np.abs(joints)) > 3.5 * np.pi or max(np.abs(speeds)) > 20.0
+        self.fast_at = now if fast else self.fast_at
+        if self.since is None and (fast or (self.planned and now >= self.planned[0] - 1e-9)):
+            if fast:
+                self.planned = [time + now - self.last for time in self.planned]
+            self.last = now if fast else self.planned.pop(0)
+            self.since = now
+            self.numbers.append(now)
+        elif self.since is not None:
+            calm = now - self.fast_at > 0.019  # for ten steps
+            self.since = None if calm and now - self.since > 1.0 - 1e-9 else self.since
+        return self.since is not None
+
+
+def test_on_the_robot_a_fast_joint_is_stopped_at_once_and_the_rest_waits():
+    config = EnvConfig(chain=Chain.realaigym("C.1", motors=False), max_torque=6.0)
+    knocks = KnockDowns(config, 0.002, 30_000, 1, RULES["hardware"], seed=0)
+    expected, rng, angle = Interruptions(knocks._begins[0, :-1]), np.random.default_rng(1), 0.0
+    for k in range(30_000):
+        size = 25.0 if (k // 2500) % 5 == 1 else 8.0
+        speeds = size * np.sin(0.004 * k + np.array([0.0, 1.0])) + rng.normal(0.0, 0.3, 2)
+        angle = angle + 0.002 * speeds
+        info = {"theta": np.cumsum(angle)[None], "omega": np.cumsum(speeds)[None]}
+        torque, controller_acts = knocks(k, info)
+        assert (not controller_acts[0]) == expected.acts(0.002 * k, angle, speeds), k
+        assert np.abs(torque).max() <= 6.0
+    assert knocks._begun[0] == len(expected.numbers) > knocks._regular[0] > 3  # some early
+
+
+def test_the_motors_of_the_hardware_rule_are_weak():
+    config = EnvConfig(chain=Chain.realaigym("C.1", motors=False), max_torque=6.0)
+    turner = Turner(config, 1, 0.002, RULES["hardware"])
+    hangs, acts = np.zeros((1, 2)), np.array([True])  # where gravity turns nothing
+    # 2 N m/rad, at most 3 N m; 0.3 N m s/rad for steps of 0.001 s from the third call on
+    for goal in ([1.0, -0.5], [1.0, 3.0]):
+        torque = turner(np.array([goal]), hangs, acts)
+        np.testing.assert_allclose(torque[0], np.clip(2.0 * np.array(goal), -3.0, 3.0))
+    torque = turner(np.array([[1.1, 3.0]]), hangs, acts)
+    np.testing.assert_allclose(torque[0], [min(6.0, 2.2 + 0.3 * 0.1 / 0.001), 3.0])
 
 
 class PID:
@@ -174,6 +225,8 @@ def test_the_score_is_the_one_in_realaigyms_own_simulator():
     rows = list(csv.DictReader(RESULTS.read_text().splitlines()))
     for row in rows:
         if row["simulator"] == "RealAIGym" and row["controller"] != "plan":  # it takes minutes
+            if row["score"] != "recovery":
+                continue
             if row["controller"] == "energy":
                 env = Policy.pretrained("swingup-2-pendubot").env
                 controller = reference_controller("energy", env)
@@ -189,11 +242,11 @@ def test_the_score_is_the_one_in_realaigyms_own_simulator():
 def test_names_and_folder_are_checked_before_episodes_in_realaigyms_simulator(
     tmp_path, monkeypatch
 ):
-    names = ("get_uptime", "GlobalPolicyTestingControllerV2", "model_parameters",
+    names = ("leaderboard", "GlobalPolicyTestingControllerV2", "model_parameters",
              "DoublePendulumPlant", "Simulator")  # fmt: skip
     theirs = SimpleNamespace(AbstractController=object, **dict.fromkeys(names))
     for module in (
-        "analysis.leaderboard", "controller.abstract_controller",
+        "analysis", "controller.abstract_controller",
         "controller.global_policy_testing_controller", "model.model_parameters", "model.plant",
         "simulation.simulation",
     ):  # fmt: skip

@@ -45,8 +45,8 @@ class Transcription:
     `start` and `goal` are equilibria, (n,): the angles at the start, and those at the end but for
     whole turns [rad]. A cart goes from the middle of its rail to `place` [m].
 
-    `weights` are those of the speeds of the joints and of the changes of the actions in time, beside
-    actions with the weight 1, see `planned_transition`.
+    `weights` are those of the speeds of the joints and of the changes of the actions in time,
+    beside actions with the weight 1, see `planned_transition`.
     """
 
     def __init__(

@@ -183,7 +183,9 @@ class DAgger:
             config = self.lanes.config
             hanging = rng.uniform(-config.spread, config.spread, (size, config.state_size))
             down = (rng.random(size) < self.settings.knocked)[:, None]
-            states = np.where(down, self.knocked[rng.integers(len(self.knocked), size=size)], hanging)
+            states = np.where(
+                down, self.knocked[rng.integers(len(self.knocked), size=size)], hanging
+            )
             theta, omega = np.split(states, 2, axis=1)
             return np.zeros(0, np.int64), {"theta": theta, "omega": omega}
         share = _EVEN / len(pairs) + (1.0 - _EVEN) * self.failed / self.failed.sum()
@@ -307,8 +309,8 @@ def train(
         )
     if settings.knocked > 0.0 and (not settings.rescuer or config.has_cart):
         raise ValueError(
-            "knocked must be 0 without a rescuer, and on a cart, whose place no knock-down changes; "
-            f"got {settings.knocked}"
+            "knocked must be 0 without a rescuer, and on a cart, which no knock-down moves; got "
+            f"{settings.knocked}"
         )
     if settings.rescuer not in ("", "mpc"):
         rescuing_policy(settings.rescuer, config)

@@ -92,9 +92,9 @@ _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
 # Plans that RealAIGym's performance scores well; each step of the environment changes the torque
 _SMOOTH: dict[str, Any] = {
     "seconds": 2.0, "plan_guess": "waves", "plan_seed": 1, "guesses": 1, "speed_weight": 0.045,
-    "change_weight": 0.1, "rounds": 55, "num_envs": 192, "knocked": 0.6, "noise_std": 0.3,
-    "student_fraction": 0.35, "standing": 300, "kept": 0.15, "averaging": 0.998,
-    "updates": 600, "obs_scale": (0.5, 0.5, 4.0),
+    "change_weight": 0.1, "rounds": 20, "num_envs": 128, "knocked": 0.5, "noise_std": 0.3,
+    "student_fraction": 0.35, "standing": 300, "kept": 0.15, "averaging": 0.998, "hidden": 128,
+    "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
 _SMOOTH_ELBOW = {"seconds": 2.6, "plan_seed": 16, "speed_weight": 0.04}
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
