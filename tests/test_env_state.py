@@ -176,8 +176,8 @@ def from_other(**keywords):
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        (of_version(1), ValueError, "state must have version 3, that of this package, got"),
-        (of_version(4), ValueError, "state must have version 3, that of this package, got"),
+        (of_version(1), ValueError, "state must have version 4, that of this package, got"),
+        (of_version(5), ValueError, "state must have version 4, that of this package, got"),
         (from_other(n=3), ValueError, "state must come from .* the same number of rods"),
         (from_other(masses=2.0), ValueError, "state must come from .* the same chain"),
         (from_other(mode="calm"), ValueError, "state must come from .* mode"),

@@ -323,7 +323,7 @@ def test_a_range_that_is_none_is_refused_by_name(make, randomize, error, message
 
 @pytest.mark.parametrize(
     "options",
-    [{"masses": -1.0}, {"persist": "yes"}, {"persist": [True, False]}, {"max_torque": 3.0}],
+    [{"masses": -1.0}, {"persist": "yes"}, {"persist": [True, False]}, {"max_torque": -3.0}],
 )
 def test_a_reset_that_is_refused_changes_nothing(options):
     envs, twins = (make_vec(3, n=3, randomize=RANDOMIZE, max_episode_steps=4) for _ in range(2))

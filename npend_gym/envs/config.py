@@ -45,6 +45,7 @@ from npend_gym.envs.settings import (
     RULES,
     Limit,
     Settings,
+    angle,
 )
 from npend_gym.envs.values import CartOnRail, Motors, Sensors, unfolded
 from npend_gym.physics.energy import sincos
@@ -138,6 +139,10 @@ class EnvConfig(Settings):
         settings = {name: given[name] for name in DRAWN if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
         largest = {name: random.ends(name, given[name])[1] for name in HARDWARE}
+        if "spread" in random.names:
+            width_of_starts(random.ends("spread", 0.0)[1], mode, given["max_tilt"])
+        if "amplitude" in random.names:
+            angle("amplitude", max(random.ends("amplitude", 0.0), key=abs))
         motors = sum(joint < chain.n for joint in joints)
         _check_limits(largest, mode, given["dt"], motors)
         if on_cart and motors == 0 and "max_torque" in random.names:

@@ -89,15 +89,14 @@ class Episodes:
             self._memory.arrays[1][:, pose] = 1.0  # of a base too, which stands nowhere
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
-        for name in OF_LANES:
-            self._memory.members[getattr(Setting, name)] = getattr(config, name) or 0.0
+        self._settings = np.array([[getattr(config, name) or 0.0] for name in OF_LANES])
+        self._memory.members[Setting[0] : Setting[-1] + 1] = self._settings
         members[Episode.HAS_BOBS] = random.has_bobs
-        members[Episode.AMPLITUDE] = config.amplitude
         members[Member.WITH_COM] = config.measure_periods
         self.seeds: Seeds = Seeds(count, lanes)
         nominal = config.chain.repeated(1).stacked()[0]
         self._context = np.zeros((lanes, len(random.names)))
-        self._start = start_plan(config.mode, config.spread)
+        self._start = start_plan(config.mode)
         self._judge = NUMBER_OF.get(type(config.mode), 0)
         self._wiring = np.zeros((len(Wiring), n + 1))
         self._wiring[Wiring.JOINT, : joints.size] = joints
@@ -178,6 +177,8 @@ class Episodes:
         given = self._take_options(mask, options) if options or self.some_altered else ()
         if self._context.shape[1] > 0:
             draw_chains(*memory.arrays, *self._drawing)
+        for lanes, values in given:
+            self._write_settings(lanes, values.get("settings", {}))
         begin_episodes(*memory.arrays, memory.record, *self._beginning)
         if by_python:
             chosen = np.flatnonzero(mask)
@@ -192,14 +193,12 @@ class Episodes:
         members, chosen = self._memory.arrays[0], np.flatnonzero(mask)
         self._memory.write_chain(chosen, self.config.chain.repeated(1))
         members[Episode.HAS_BOBS, chosen] = self.config.randomization.has_bobs
-        members[Episode.AMPLITUDE, chosen] = self.config.amplitude
+        members[Setting[0] : Setting[-1] + 1, chosen] = self._settings
         scale_all(*self._memory.arrays[:2], self.config.n, chosen)
         if options is not None:
             self._kept.keep(mask, options)
         given = list(self._kept.of(mask)) if options is None else [(chosen, options)]
         for lanes, values in given:
-            if "amplitude" in values:
-                members[Episode.AMPLITUDE, lanes] = values["amplitude"][lanes]
             for name, pose in zip(EQUILIBRIA, Pose, strict=True):
                 if name in values:
                     own = self._memory.per_rod(pose)
@@ -209,6 +208,21 @@ class Episodes:
             self._altered[lanes] = True
         self.some_altered = bool(self._altered.any())
         return given
+
+    def choose(self, mask: BoolArray, options: Mapping[str, Any]) -> None:
+        """Let the lanes of `mask` begin all later episodes with checked options."""
+        self._kept.keep(mask, {**options, "persist": mask})
+        self._altered |= mask
+        self.some_altered = True
+
+    def _write_settings(
+        self, lanes: NDArray[np.int64], settings: Mapping[str, FloatArray]
+    ) -> None:  # before the start, which depends on some
+        """Change settings of some sub-environments, and the context that tells of them."""
+        for name, values in settings.items():
+            self._memory.arrays[0][getattr(Setting, name), lanes] = values[lanes]
+            if name in self.config.context_names:
+                self._context[lanes, self.config.context_names.index(name)] = values[lanes]
 
     def _apply_options(self, lanes: NDArray[np.int64], options: Mapping[str, Any]) -> None:
         """Change chain and state of some sub-environments, at their start, as the options say."""
@@ -236,9 +250,10 @@ class Episodes:
         theta, omega = np.empty((2, chosen.size, self.config.n))
         members, config = self._memory.members, self.config
         for row, k in enumerate(chosen):
-            episode, amplitude = members[[Episode.EPISODE, Episode.AMPLITUDE], k].tolist()
+            rows = [Episode.EPISODE, Setting.amplitude, Setting.spread]
+            episode, amplitude, spread = members[rows, k].tolist()
             rng = generator(self.seeds.values[int(k)], 0, Purpose.START, int(episode))
-            pair: Any = config.mode.start(rng, config.n, amplitude, config.spread)
+            pair: Any = config.mode.start(rng, config.n, amplitude, spread)
             is_pair = type(pair) in (tuple, list) or np.ndim(pair) == 2
             if not is_pair or len(pair) != 2:
                 raise ValueError(

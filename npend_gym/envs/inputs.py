@@ -16,7 +16,8 @@ from npend_gym.chain import check_parameter, gear_ratios
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig, substeps_on_base
 from npend_gym.envs.goals import check_different, checked_equilibrium
-from npend_gym.envs.keywords import CHAIN_KEYWORDS
+from npend_gym.envs.keywords import CHAIN_KEYWORDS, width_of_starts
+from npend_gym.envs.settings import HARDWARE, OF_EPISODES
 from npend_gym.physics.arguments import warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.link_terms import count_terms, lacks_terms
@@ -24,7 +25,7 @@ from npend_gym.physics.substeps import MAX_SUBSTEPS, substeps_of
 
 MAX_LANES = 10_000_000
 MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
-_START_OPTIONS = ("theta", "omega", "amplitude")
+_START_OPTIONS = ("theta", "omega")
 CART_STATE = ("cart_position", "cart_velocity")
 EQUILIBRIA = ("start", "goal")  # near which an episode starts, and which it is to reach
 _ANGLES = ("theta", "amplitude")
@@ -34,7 +35,7 @@ _LIMITS = {
 # Chains may need so many times the default substeps. A chain an eighth as long, which does, keeps
 # its energy to some 1e-6 over 1000 steps.
 _FASTER = 3
-_NUMBERS = ("amplitude", "gravity", *CART_STATE)  # of a sub-environment; others are of a rod
+_NUMBERS = ("gravity", *CART_STATE, *OF_EPISODES)  # of a sub-environment; others are of a rod
 
 
 def checked_autoreset_mode(value: Any) -> AutoresetMode:
@@ -174,12 +175,16 @@ def checked_options(
     """Return the reset options, or say what is wrong.
 
     Those given are of a single environment, or have a leading axis of `lanes`; those returned
-    always have one. "changes" has the new parameters of the chains, "start" and "goal" are cosines.
+    always have one. "changes" has the new parameters of the chains, "settings" those of motors,
+    sensors and starts; "start" and "goal" are cosines.
     """
     given = dict(options)
     of_goals = EQUILIBRIA if config.mode.has_goals else ()
     of_cart = CART_STATE if config.has_cart else ()
-    allowed = (*_START_OPTIONS, *of_cart, *of_goals, "persist", *CHAIN_KEYWORDS)
+    no_motor = [] if config.has_cart else ["max_force"]
+    no_motor += [] if np.any(config.joints < config.n) else ["max_torque"]
+    settings = [name for name in OF_EPISODES if name not in no_motor]
+    allowed = (*_START_OPTIONS, *settings, *of_cart, *of_goals, "persist", *CHAIN_KEYWORDS)
     unknown = set(given) - set(allowed)
     if unknown:
         raise ValueError(
@@ -203,6 +208,8 @@ def checked_options(
             warn_of_degrees(label, array[..., None] if name in _NUMBERS else array)
         if name in CHAIN_KEYWORDS:
             check_parameter(label, array)
+        if name in OF_EPISODES:
+            _check_setting(label, name, array, config)
         if name in EQUILIBRIA:
             array = checked_equilibrium(label, array)
         checked[name] = array[None] if lanes is None else array
@@ -212,7 +219,22 @@ def checked_options(
     if changes:
         _check_changes(config, changes)
         checked["changes"] = changes
-    return checked
+    chosen = {name: checked.pop(name) for name in settings if name in checked}
+    return checked | ({"settings": chosen} if chosen else {})
+
+
+def _check_setting(label: str, name: str, values: FloatArray, config: EnvConfig) -> None:
+    """Raise a ValueError where a setting of an episode breaks the rule of its keyword."""
+    if name != "amplitude":
+        _checks.at_least_zero(label, values)
+    if name == "spread":
+        width_of_starts(float(values.max()), config.mode, config.max_tilt)
+    if name in HARDWARE and np.any(values > config.largest[name]):
+        raise ValueError(
+            f"{label} must be at most {config.largest[name]:g}, the largest {name} that the "
+            f"environment is made for, got {_checks.show(values.tolist())}: make it with a larger "
+            f"{name}, and lower it by options"
+        )
 
 
 def _persistence(value: Any, lanes: int) -> BoolArray:

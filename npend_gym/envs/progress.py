@@ -13,7 +13,8 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import BoolArray
 
-_CHANGING = ("step", "reset", "set_state", "state")  # the calls that change an environment
+# The calls that change an environment
+_CHANGING = ("step", "reset", "set_state", "set_options", "state")
 
 
 class Progress(Enum):

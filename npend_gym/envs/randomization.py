@@ -140,7 +140,7 @@ def _range(label: str, name: str, given: Any, value: FloatArray) -> tuple[FloatA
             check_parameter(label, end)
         elif name == "cart_mass":
             _checks.positive(label, end)
-        else:
+        elif name != "amplitude":
             _checks.at_least_zero(label, end)
     return low, high
 

@@ -33,7 +33,6 @@ class EpisodeFields(NamedTuple):
     EPISODE: int = len(Member) + 9  # number of the episode of this seed, from 0
     STEPS: int = len(Member) + 10  # of the episode
     STEPS_HELD: int = len(Member) + 11  # instants in a row at which the goal was met
-    AMPLITUDE: int = len(Member) + 12  # rad, of a release
 
 
 Episode: EpisodeFields = EpisodeFields()

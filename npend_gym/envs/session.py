@@ -130,6 +130,45 @@ class Session:
         self.camera.forget(np.isin(np.arange(episodes.count), lanes))
         return episodes
 
+    def _checked_options(self, given: dict[str, Any]) -> dict[str, Any] | None:
+        """Return options of a reset, checked; None where there are none."""
+        lanes = None if self._is_single else self._episodes.count
+        return checked_options(given, self.config, lanes) if given else None
+
+    def set_options(self, options: dict[str, Any] | None) -> None:
+        """Choose the options of all later episodes; the present ones go on as they are.
+
+        They hold after resets and autoresets, until a reset with options, or another call.
+
+        Parameters
+        ----------
+        options : dict or None
+            As for `reset`; of B environments with "reset_mask", those whose options they are.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an option breaks a rule.
+        ResetNeeded
+            Before the first reset.
+
+        Examples
+        --------
+        >>> from npend_gym import NPendulumEnv
+        >>> env = NPendulumEnv(mode="swingup")
+        >>> _ = env.reset(seed=0)
+        >>> env.set_options({"max_torque": 30.0, "spread": 0.5})
+        >>> env.reset()[1]["theta"].round(2)  # now within 0.5 rad of hanging
+        array([-0.16,  0.08])
+        """
+        given, count = given_options(options), self._episodes.count
+        chosen = None if self._is_single else given.pop("reset_mask", None)
+        mask = reset_mask(chosen, count, every=False)
+        checked = self._checked_options(given) or {}
+        self._calls.begin(self, "set_options")
+        self._episodes.choose(mask, checked)
+        self._calls.finish()
+
     @property
     def shown(self) -> NDArray[np.float32]:
         """The observations that the last call has returned, of all sub-environments."""
@@ -184,7 +223,7 @@ class ManyLanes(Session):
         given, before = given_options(options), self._calls.progress
         every = before is not Progress.READY
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
-        checked = checked_options(given, self.config, self.num_envs) if given else None
+        checked = self._checked_options(given)
         seeds = self._episodes.seeds.checked(seed)
         self._begin("reset", before).seed(seeds, mask)
         return mask, checked

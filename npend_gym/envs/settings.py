@@ -305,17 +305,18 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         'Whether pseudo-periods are measured, and are in the info; by default in mode "passive" '
         "alone. Steps are faster without them.",
     )
-    amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", angle)
+    amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", angle, of_lane=True)
     spread: float = keyword(
         None,
         "Width of the random starts [rad]: a release is from `amplitude` plus a draw from [0, "
         "spread); near an equilibrium, angles and velocities are drawn within it. By default that "
         "of the mode.",
+        of_lane=True,
     )
     randomize: Mapping[str, Any] | None = keyword(
         None,
         "What is drawn at every start of an episode, by the name of a parameter of the chain, or "
-        'of a setting of motors, sensors or cart such as "max_torque": a pair (low, high) of '
+        'of a setting of motors, sensors, cart or start, as "max_torque": a pair (low, high) of '
         'factors, or {"low": ..., "high": ...} of values. Each end is a number or has an entry for '
         'each rod. ``info["context"]`` has what was drawn. `npend_gym.envs.Randomize` is the same '
         "as a value.",
@@ -332,19 +333,20 @@ FIELDS: dict[str, Field[Any]] = Settings.__dataclass_fields__ | {
     ),
     "cart": keyword(
         None,
-        "The keywords of a cart as one value, `npend_gym.envs.CartOnRail`, or the dict of it; "
-        '`base` is "cart" then.',
+        "The keywords of a cart as one value, `npend_gym.envs.CartOnRail`, or the dict of it.",
     ),
 }
-RULES: dict[str, Rule] = {
-    name: each.metadata["rule"] for name, each in FIELDS.items() if each.metadata["rule"]
-}
+_RULES = {name: each.metadata["rule"] for name, each in FIELDS.items()}
+RULES: dict[str, Rule] = {name: rule for name, rule in _RULES.items() if rule}
 OF_LANES = [name for name, each in FIELDS.items() if each.metadata["of_lane"]]
 OF_CART = [each.name for each in fields(CartSettings) if each.name in OF_LANES]
+OF_STARTS = ["amplitude", "spread"]
 # The errors of motors and sensors, all 0 where they are ideal, and the cycles of the ripple
-HARDWARE = [name for name in OF_LANES if name not in (*OF_CART, "max_torque")]
+HARDWARE = [name for name in OF_LANES if name not in (*OF_CART, *OF_STARTS, "max_torque")]
 OF_SENSORS = [each.name for each in fields(SensorSettings) if each.name in HARDWARE]
 COUNTED = ["ripple_cycles"]  # settings that nothing in between may be drawn of
 DRAWN = [name for name in OF_LANES if name not in COUNTED]  # what `randomize` may draw
+# What options of `reset` may change; they change no mechanism
+OF_EPISODES = [name for name in DRAWN if name not in ("cart_mass", "rail_damping")]
 OF_PUSHES = ["push_rate", "push_force"]
 ERRORS_OF_MOTORS = [name for name in HARDWARE if name not in (*OF_SENSORS, *COUNTED, *OF_PUSHES)]

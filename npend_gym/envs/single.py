@@ -14,7 +14,7 @@ from npend_gym.chain import Chain
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
-from npend_gym.envs.inputs import checked_action, checked_options, given_options
+from npend_gym.envs.inputs import checked_action, given_options
 from npend_gym.envs.keywords import EnvKeywords, with_config_keywords
 from npend_gym.envs.observing import ObsArray
 from npend_gym.envs.seeds import checked_seed
@@ -175,11 +175,13 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
             Seed of all that is drawn from now on; without one, the next episode of the last seed.
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), and the parameters of the chain,
-            "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers;
-            with a cart "cart_position", "cart_velocity", numbers [m, m/s]; in mode "transition" the
+            "masses", "lengths" and so on, each (n,) or one number; "gravity", "amplitude",
+            "spread", "max_torque" and what else motors and sensors have, as numbers; with a cart
+            "max_force", "cart_position", "cart_velocity" [N, m, m/s]; in mode "transition" the
             equilibria "start" and "goal" (n,), 0 or pi for each rod. They make no links of point
             masses, and add no friction, rotors or drag to links that have none. They need no more
-            than three times the default `substeps`. With "persist": True they hold in later
+            than three times the default `substeps`. Errors of motors and sensors are at most those
+            that the environment is made with. With "persist": True they hold in later
             episodes too, until a reset with options.
 
         Returns
@@ -194,7 +196,7 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         """
         before = self._calls.progress
         new_seed, chosen = checked_seed(seed), given_options(options)
-        checked = checked_options(chosen, self.config) if chosen else None
+        checked = self._checked_options(chosen)
         episodes = self._begin("reset", before)
         super().reset(seed=new_seed)
         self._seed(episodes, given=new_seed is not None)

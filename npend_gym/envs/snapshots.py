@@ -15,12 +15,12 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import Episode, Pose, Setting
 from npend_gym.envs.seeds import LaneNumbers
-from npend_gym.envs.settings import OF_LANES
+from npend_gym.envs.settings import OF_LANES, OF_STARTS
 from npend_gym.physics.kernels.layout import Member, Rod, Turn
 from npend_gym.physics.kernels.link_terms import MODEL
 from npend_gym.physics.memory import Memory
 
-VERSION = 3  # of the record; another version of the package may have another
+VERSION = 4  # of the record; another version of the package may have another
 _SUMMED = 3  # words of a record from here on are in its checksum
 _ODD = np.uint64(0x9E3779B97F4A7C15)
 States = NDArray[np.void]
@@ -132,10 +132,11 @@ class Snapshots:
 def _fingerprint(config: EnvConfig) -> int:
     """Return a number that two environments share if one can go on from the other's state."""
     mode, random = type(config.mode), config.randomization
+    names = ("rail", *(name for name in OF_LANES if name not in OF_STARTS))
     settings = (
         *config.chain.repeated(1), random.draws, config.joints,
         np.array([config.dt, config.min_substeps, config.max_rotation]),
-        np.array([getattr(config, name) or 0.0 for name in ("rail", *OF_LANES)]),
+        np.array([getattr(config, name) or 0.0 for name in names]),
         np.frombuffer(f"{mode.__module__}:{mode.__qualname__}".encode(), np.uint8),
     )  # fmt: skip
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in settings))

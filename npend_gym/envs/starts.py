@@ -33,9 +33,8 @@ class StartFields(NamedTuple):
 
     KIND: int = 0
     POSE: int = 1  # rad
-    SPREAD: int = 2  # rad, and near an equilibrium rad/s
-    GOALS: int = 3  # 1: it is near an equilibrium that is drawn, and so is a goal
-    OTHERS: int = 4  # near an equilibrium: width of velocities and of a cart's place over SPREAD
+    GOALS: int = 2  # 1: it is near an equilibrium that is drawn, and so is a goal
+    OTHERS: int = 3  # near an equilibrium: width of velocities and of a cart's place over `spread`
 
 
 Start: StartFields = StartFields()
@@ -124,12 +123,13 @@ def _draw_state(
     rows, lane, episode = rods[k // width], k % width, members[Episode.EPISODE, k]
     if start[Start.KIND] == RELEASE:
         u = _stream(keys, k, Purpose.START, episode, 0)
-        angle = members[Episode.AMPLITUDE, k] + start[Start.SPREAD] * u
+        angle = members[Setting.amplitude, k] + members[Setting.spread, k] * u
         for i in range(n):
             rows[Rod.THETA, i * width + lane] = angle
             rows[Rod.OMEGA, i * width + lane] = 0.0
         return
-    near, words = start[Start.SPREAD], philox(keys[0, k], keys[1, k], 0, 0, Purpose.START, episode)
+    near = members[Setting.spread, k]
+    words = philox(keys[0, k], keys[1, k], 0, 0, Purpose.START, episode)
     for j in range(2 * n):  # the angles, then the angular velocities
         if j > 0 and j % 4 == 0:  # as `_stream`, with each block computed once
             words = philox(keys[0, k], keys[1, k], j // 4, 0, Purpose.START, episode)
@@ -163,7 +163,7 @@ def _cart(
     model[BASE_AT][g, Base.DAMPING, lane] = members[Setting.rail_damping, k]
     near = 0.0
     if start[Start.KIND] == NEAR_POSE:
-        near = start[Start.OTHERS] * start[Start.SPREAD]
+        near = start[Start.OTHERS] * members[Setting.spread, k]
     for row, field in enumerate((Rod.THETA, Rod.OMEGA)):
         u = _stream(keys, k, Purpose.START, members[Episode.EPISODE, k], 2 * (last // width) + row)
         rods[g, field, last + lane] = -near + (near + near) * u
@@ -294,13 +294,13 @@ def begin_one(
     begin_to_measure(members, rods, record, 0, 1, n)
 
 
-def start_plan(mode: Mode, spread: float) -> FloatArray:
+def start_plan(mode: Mode) -> FloatArray:
     """Return `start` of a mode; of one of the user's own, Python calls its `start`.
 
     A class derived from a built-in mode, or an instance of one, may have any `start` of its own.
     """
     plan = np.zeros(len(Start))
-    plan[Start.SPREAD], plan[Start.GOALS] = spread, mode.has_goals
+    plan[Start.GOALS] = mode.has_goals
     start = getattr(mode.start, "__func__", None)
     if start is Release.start:
         plan[Start.KIND] = RELEASE

@@ -98,7 +98,7 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
             its last seed begins.
         options : dict, optional
             "reset_mask", bool (B,); "theta", "omega" and the parameters of the chain (B, n);
-            "amplitude", "gravity", "cart_position", "cart_velocity" (B,); a number stands for all.
+            "gravity", "spread", "max_torque" and the other numbers (B,); a number stands for all.
             With "persist", bool or (B,), they hold in later episodes too, until the environment is
             reset with options.
         """

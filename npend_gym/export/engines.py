@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -159,20 +158,15 @@ class MujocoVectorEnv(NPendulumVectorEnv):
     env_id = MUJOCO_ID
     _kind = MujocoEpisodes
 
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[ObsArray, dict[str, Any]]:
-        """Begin new episodes as `NPendulumVectorEnv.reset` does, all with the chain as made."""
-        for name in CHAIN_KEYWORDS:
-            if options is not None and name in options:
+    def _checked_options(self, given: dict[str, Any]) -> dict[str, Any] | None:
+        """Refuse options for what MuJoCo's model has as made."""
+        for name in (*CHAIN_KEYWORDS, "max_torque", "max_force"):
+            if name in given:
                 raise ValueError(
-                    f"options[{name!r}] must be left out: MuJoCo's model has the chain as made; "
-                    f"got {_checks.show(options[name])}"
+                    f"options[{name!r}] must be left out: MuJoCo's model has chain and motors as "
+                    f"made; got {_checks.show(given[name])}"
                 )
-        return super().reset(seed=seed, options=options)
+        return super()._checked_options(given)
 
     def set_state(
         self, state: States, which: ArrayLike | None = None

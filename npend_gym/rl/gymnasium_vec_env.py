@@ -19,8 +19,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 Array = NDArray[Any]
-# options of N-pendulums that are one number of a sub-environment; others have one for each rod
-_OF_LANES = "amplitude", "gravity", "cart_position", "cart_velocity", "persist"
+# options of N-pendulums with a number for each rod, as some parameters of their `chain` have it
+_OF_RODS = "theta", "omega", "start", "goal"
 
 
 class SB3VecEnv(VecEnv):
@@ -147,9 +147,11 @@ class SB3VecEnv(VecEnv):
                         f"{type(self.venv.unwrapped).__name__} passes one value to all of them"
                     )
             return dict(self._options[0])
-        rods = getattr(getattr(self.venv.unwrapped, "config", None), "n", None)
+        chain = getattr(getattr(self.venv.unwrapped, "config", None), "chain", None)
+        of_rods = {k for k in keys if k in _OF_RODS or np.ndim(getattr(chain, k, 0.0)) == 1}
+        rods = getattr(chain, "n", None)
         return {
-            key: _joined([each[key] for each in self._options], None if key in _OF_LANES else rods)
+            key: _joined([each[key] for each in self._options], rods if key in of_rods else None)
             for key in sorted(keys)
         }
 

@@ -26,16 +26,17 @@ from npend_gym.rl.evaluation.rollouts import Controller, forget
 WAY_OUT = "or give a function: model(observation, info) returns the actions"
 # Wrappers of single environments whose `step` changes neither observations nor actions
 _HARMLESS = {
-    "Autoreset", "ClipReward", "HumanRendering", "Monitor", "NormalizeReward", "OrderEnforcing",
-    "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo", "RenderCollection",
-    "RewardWrapper", "TimeLimit", "TransformReward", "Wrapper",
+    "Autoreset", "ClipReward", "Curriculum", "HumanRendering", "Monitor", "NormalizeReward",
+    "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo",
+    "RenderCollection", "RewardWrapper", "TimeLimit", "TransformReward", "Wrapper",
 }  # fmt: skip
 # The same of vector environments, and those whose changes of observations or actions are known
 _KNOWN = {
     "DictInfoToList", "HumanRendering", "NormalizeObservation", "NormalizeReward",
     "RecordEpisodeStatistics", "RecordVideo", "VecCheckNan", "VecEnv", "VecEnvWrapper",
     "VecFrameStack", "VecMonitor", "VecNormalize", "VecVideoRecorder", "VectorActionWrapper",
-    "VectorObservationWrapper", "VectorRewardWrapper", "VectorWrapper",
+    "VectorCurriculum", "VectorObservationWrapper", "VectorPadRods", "VectorRewardWrapper",
+    "VectorWrapper",
     "VectorizeTransformObservation",
 }  # fmt: skip
 _STEPPING = "step", "step_async", "step_wait", "reset"

@@ -1,0 +1,310 @@
+"""Observations and actions of chains of any length in spaces of one size: for one network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import (
+    VectorActionWrapper,
+    VectorEnv,
+    VectorObservationWrapper,
+    VectorWrapper,
+)
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import BoolArray
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.curriculum import config_below
+from npend_gym.envs.keywords import joints_of
+from npend_gym.envs.observing import ObsArray
+
+
+class Padding:
+    """The places of observed entries and actions in spaces for `n_max` rods."""
+
+    def __init__(self, config: EnvConfig, n_max: Any, actuated: Any) -> None:
+        n, most = config.n, _checks.count("n_max", n_max)
+        if n > most:
+            raise ValueError(f"n_max must be at least the number of rods, {n}, got {most}")
+        if config.goal_env:
+            raise ValueError("env must observe an array: leave out goal_env, whose Dict has none")
+        rods = (n, most)
+        blocks = [rods] * (1 + config.with_sines + config.observe_velocities)
+        if config.has_cart:
+            blocks += [(1, 1)] * (1 + config.observe_velocities)
+        blocks += [rods] * config.observes_goals
+        if config.observe_context:
+            for _, names in groupby(config.context_names, lambda name: name.split("[")[0]):
+                blocks.append(rods if "[" in next(names) else (1, 1))
+        self.columns: list[int] = []
+        bounds: list[Any] = []
+        for entries, width in blocks:
+            first, observed = len(bounds), len(self.columns)
+            self.columns += range(first, first + entries)
+            bounds += [config.observation_space.high[observed]] * width  # type: ignore[attr-defined]
+        self.mask: ObsArray = (np.arange(most) < n).astype(np.float32)
+        bound = np.array(bounds, np.float32)
+        low, high = np.append(-bound, np.zeros(most)), np.append(bound, np.ones(most))
+        self.space: gym.spaces.Box = gym.spaces.Box(low.astype("f4"), high.astype("f4"))
+        self.actions: gym.Space[Any] = config.action_space
+        self.motors: list[int] | slice = slice(None)
+        if actuated is not None:
+            self._fit_motors(config, most, actuated)
+
+    def _fit_motors(self, config: EnvConfig, most: int, actuated: Any) -> None:
+        joints = [*joints_of(actuated, most, least=0)]
+        own = [joint for joint in config.joints.tolist() if joint < config.n]
+        lacking = [joint for joint in own if joint not in joints]
+        if lacking or not isinstance(config.action_space, gym.spaces.Box):
+            raise ValueError(
+                "actuated must name all joints with a motor, and be left out where actions are "
+                f"discrete; got {_checks.show(joints)} for motors at {own} and "
+                f"{config.action_space}"
+            )
+        carts = int(config.has_cart)
+        self.motors = [*range(carts), *(carts + joints.index(joint) for joint in own)]
+        self.actions = gym.spaces.Box(-1.0, 1.0, (carts + len(joints),), np.float32)
+
+    def padded(self, observation: Any) -> ObsArray:
+        """Return observations, (..., k), in the space for `n_max` rods."""
+        out = np.zeros((*np.shape(observation)[:-1], *self.space.shape), np.float32)
+        out[..., self.columns] = observation
+        out[..., out.shape[-1] - self.mask.size :] = self.mask
+        return out
+
+
+class PadRods(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Gives an environment the spaces of a chain of `n_max` rods, so that one network fits many n.
+
+    Each group of entries of an observation has `n_max` entries, 0 beyond the last rod. A mask
+    follows: 1 for each rod that the chain has, 0 for the others.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        An environment of this package, or a wrapper of it.
+    n_max : int
+        Number of rods of the longest chain.
+    actuated : sequence of int, optional
+        Joints that have an entry in the action, in this order, after the force on a cart. Those
+        without a motor are ignored. By default the action is that of the environment.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> import gymnasium as gym
+    >>> import npend_gym
+    >>> from npend_gym.envs import PadRods
+    >>> env = PadRods(gym.make("npend/Balance-v1", n=1), n_max=2)
+    >>> env.reset(seed=0)[0].round(3)  # two sines, two cosines, two velocities, the mask
+    array([ 0.002,  0.   , -1.   ,  0.   ,  0.003,  0.   ,  1.   ,  0.   ],
+          dtype=float32)
+    """
+
+    def __init__(
+        self, env: gym.Env[Any, Any], n_max: int, *, actuated: Sequence[int] | None = None
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, n_max=n_max, actuated=actuated)
+        gym.Wrapper.__init__(self, env)
+        self._padding = Padding(config_below("PadRods", env), n_max, actuated)
+        self.observation_space = self._padding.space
+        self.action_space = self._padding.actions
+
+    def reset(self, **keywords: Any) -> tuple[ObsArray, dict[str, Any]]:
+        """Begin an episode, as the environment does."""
+        observation, info = self.env.reset(**keywords)
+        return self._padding.padded(observation), info
+
+    def step(self, action: Any) -> tuple[ObsArray, Any, bool, bool, dict[str, Any]]:
+        """Take a step with the entries of the action that have a motor."""
+        if self.action_space.shape:
+            action = np.asarray(action)[self._padding.motors]
+        observation, *outcome = self.env.step(action)
+        return self._padding.padded(observation), *outcome  # type: ignore[return-value]
+
+
+class VectorPadRods(VectorActionWrapper[Any, Any, Any], VectorObservationWrapper[Any, Any, Any]):
+    """`PadRods` for a native vector environment; `evaluate` applies it too.
+
+    Parameters
+    ----------
+    env : gymnasium.vector.VectorEnv
+        A native vector environment of this package, or a wrapper of it.
+    n_max, actuated
+        As for `PadRods`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> import gymnasium as gym
+    >>> import npend_gym
+    >>> from npend_gym.envs import VectorPadRods
+    >>> envs = VectorPadRods(gym.make_vec("npend/Balance-v1", num_envs=8, n=3), n_max=4)
+    >>> envs.reset(seed=0)[0].shape
+    (8, 16)
+    """
+
+    def __init__(self, env: Any, n_max: int, *, actuated: Sequence[int] | None = None) -> None:
+        VectorWrapper.__init__(self, env)  # that of observation wrappers refuses SAME_STEP
+        self._padding = Padding(config_below("VectorPadRods", env), n_max, actuated)
+        self.single_observation_space = self._padding.space
+        self.single_action_space = self._padding.actions
+        self.observation_space = batch_space(self._padding.space, self.num_envs)
+        self.action_space = batch_space(self._padding.actions, self.num_envs)
+
+    def observations(self, observations: Any) -> ObsArray:
+        """Return observations of sub-environments, (B, k), padded."""
+        return self._padding.padded(observations)
+
+    def actions(self, actions: Any) -> Any:
+        """Return the entries of actions that have a motor, (B, joints)."""
+        return np.asarray(actions)[:, self._padding.motors] if np.ndim(actions) > 1 else actions
+
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[ObsArray, dict[str, Any]]:
+        """Begin episodes, as the environment does."""
+        observations, info = self.env.reset(seed=seed, options=options)
+        return self.observations(observations), info
+
+    def step(self, actions: Any) -> Any:
+        """Take a step; last observations of episodes are padded too."""
+        observations, *outcome, info = self.env.step(self.actions(actions))
+        if "final_obs" in info:
+            last: NDArray[Any] = info["final_obs"].copy()
+            for k in np.flatnonzero(info["_final_obs"]):
+                last[k] = self._padding.padded(last[k])
+            info["final_obs"] = last
+        return self.observations(observations), *outcome, info
+
+
+class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
+    """Several vector environments as one, such as chains of several lengths in `VectorPadRods`.
+
+    Its sub-environments are those of the first environment, then those of the second, and so on.
+    Where arrays of an info have fewer columns than others, zeros follow.
+
+    Parameters
+    ----------
+    envs : sequence of gymnasium.vector.VectorEnv
+        With equal spaces of a sub-environment, and the same autoreset mode.
+
+    Raises
+    ------
+    ValueError
+        If the spaces or the autoreset modes differ.
+
+    Examples
+    --------
+    >>> import gymnasium as gym
+    >>> import npend_gym
+    >>> from npend_gym.envs import JoinedVectorEnv, VectorPadRods
+    >>> each = [gym.make_vec("npend/Balance-v1", num_envs=4, n=n) for n in (1, 2)]
+    >>> envs = JoinedVectorEnv([VectorPadRods(one, n_max=2) for one in each])
+    >>> observations, info = envs.reset(seed=0)
+    >>> observations.shape, info["theta"].shape
+    ((8, 8), (8, 2))
+    """
+
+    def __init__(self, envs: Sequence[Any]) -> None:
+        self.envs: list[Any] = [*envs]
+        if not self.envs:
+            raise ValueError("envs must have at least one vector environment, got none")
+        first = self.envs[0]
+        for each in self.envs:
+            for name in ("single_observation_space", "single_action_space"):
+                own, other = getattr(first, name), getattr(each, name)
+                if own != other:
+                    raise ValueError(f"envs must have equal spaces, got {own} and {other}")
+            own, other = (one.metadata.get("autoreset_mode") for one in (first, each))
+            if own != other:
+                raise ValueError(f"envs must have one autoreset mode, got {own} and {other}")
+        self.num_envs: int = sum(each.num_envs for each in self.envs)
+        self._parts = np.cumsum([each.num_envs for each in self.envs])[:-1]
+        self._last: list[Any] = []
+        self.metadata = first.metadata
+        self.render_mode: str | None = first.render_mode
+        self.single_observation_space = first.single_observation_space
+        self.single_action_space = first.single_action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:  # fmt: skip
+        """Begin episodes: sub-environment k with seed + k, or seed[k].
+
+        Of `options`, "reset_mask" is of all sub-environments; others go to every environment.
+        """
+        if isinstance(seed, int):
+            seed = [seed + k for k in range(self.num_envs)]
+        seeds = np.split(np.array(seed, object), self._parts) if seed is not None else None
+        every = np.ones(self.num_envs, np.bool_)
+        masks = np.split((options or {}).get("reset_mask", every), self._parts)
+        results: list[tuple[Any, dict[str, Any]]] = []
+        for k, (env, mask) in enumerate(zip(self.envs, masks, strict=True)):
+            if not mask.any():
+                results.append((self._last[k], {}))
+                continue
+            own = options and options | ({"reset_mask": mask} if "reset_mask" in options else {})
+            results.append(env.reset(seed=seeds and seeds[k].tolist(), options=own))
+        return self._joined(results)
+
+    def step(self, actions: Any) -> tuple[Any, Any, BoolArray, BoolArray, dict[str, Any]]:
+        """Take a step of all environments, one after the other."""
+        parts = zip(self.envs, np.split(np.asarray(actions), self._parts), strict=True)
+        results = [env.step(own) for env, own in parts]
+        reward, terminated, truncated = (
+            np.concatenate([each[k] for each in results]) for k in (1, 2, 3)
+        )
+        observation, info = self._joined([(each[0], each[-1]) for each in results])
+        return observation, reward, terminated, truncated, info
+
+    def _joined(self, results: list[tuple[Any, dict[str, Any]]]) -> tuple[Any, dict[str, Any]]:
+        self._last = [observation for observation, _ in results]
+        sizes = [each.num_envs for each in self.envs]
+        return np.concatenate(self._last), _joined([info for _, info in results], sizes)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return the pictures of all sub-environments."""
+        pictures = [each.render() for each in self.envs]
+        return None if None in pictures else sum(pictures, ())
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the environments."""
+        for each in self.envs:
+            each.close(**kwargs)
+
+
+def _joined(infos: Sequence[dict[str, Any]], sizes: Sequence[int]) -> dict[str, Any]:
+    """Return the infos of vector environments as one; zeros stand where one lacks a key."""
+    joined: dict[str, Any] = {}
+    for key in dict.fromkeys(key for info in infos for key in info):
+        given = [info.get(key) for info in infos]
+        some: Any = next(value for value in given if value is not None)
+        if isinstance(some, dict):
+            joined[key] = _joined([value or {} for value in given], sizes)
+            continue
+        empty = None if some.dtype == object else 0
+        shape = max(np.shape(value)[1:] for value in given if value is not None)
+        out = np.full((sum(sizes), *shape), empty, some.dtype)
+        for value, end, size in zip(given, np.cumsum(sizes), sizes, strict=True):
+            if value is not None:
+                out[(slice(end - size, end), *map(slice, np.shape(value)[1:]))] = value
+        joined[key] = out
+    return joined
