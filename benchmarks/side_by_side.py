@@ -1,19 +1,17 @@
-"""What several algorithms learn in five minutes of processor time, on the same tasks.
+"""How algorithms learn the tasks of the benchmark: return and success against steps and time.
 
-    python benchmarks/side_by_side.py --out results/side_by_side --publish
+    python benchmarks/side_by_side.py --algorithms PPO ARS --tasks swingup-1 balance-2
 
-trains PPO, SAC and TQC of Stable-Baselines3 and sb3-contrib beside SHAC and imitation of this
-package. With "default" settings an algorithm runs as its library has it, on a single environment of
-`gym.make`. With "tuned" settings it runs as one file of `examples/configs` says, the same for all
-tasks, on a vector environment. SHAC and imitation have the settings of the task.
+trains on the public id of each task, with its default observation and episode, as
+`docs/howto/benchmark.md` says. SHAC and imitation observe the same numbers unscaled, which the
+protocol allows. `side_by_side.yml` has the settings, the same for all tasks.
 
-A run of Stable-Baselines3 ends when its policy succeeds in all of 50 validation episodes, or else
-after five minutes of processor time; it is tried now and then. That of SHAC and imitation ends
-where its settings say. The last policy is evaluated in 100 held-out episodes. Each run is a file in
-the folder, so that this can be interrupted, or run several times at once with other `--tasks`.
-All runs of a folder have the same `--budget`.
-`--publish` puts the rows into `docs/results/side_by_side.csv`, the table into the page
-`docs/notes/side_by_side.md`, and draws them; rows of runs that the folder lacks are kept.
+At even distances of steps the policy plays the same validation episodes, which count neither as
+steps nor as time. Each run is a file of `benchmarks/curves/`. A run whose file has as many steps is
+not trained again, and an interrupted run begins again. The last policies go into the folder
+`--models`, from where `npend benchmark` takes them: PPO/0/swingup-1.safetensors.
+
+`--publish` writes the tables and the picture of `docs/notes/side_by_side.md` from all files.
 """
 
 from __future__ import annotations
@@ -21,297 +19,330 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Iterator
+from copy import deepcopy
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import sb3_contrib
-import stable_baselines3
 import torch
 import yaml
-from csv_tables import publish_table, texts
-from stable_baselines3.common.base_class import BaseAlgorithm
+from csv_tables import publish_table
 from stable_baselines3.common.callbacks import BaseCallback
 
-import npend_gym
-from npend_gym.envs import EnvConfig
-from npend_gym.report import write_csv, write_json
 from npend_gym.rl import (
+    SUITES,
     VALIDATION,
+    Policy,
     bootstrap_interval,
-    episode_seeds,
     evaluate,
     interquartile_mean,
+    setting_of,
 )
-from npend_gym.rl.training import env_of_task, imitation, shac
-from npend_gym.tools import machine
+from npend_gym.rl.training import Checkpoint, Stopwatch, imitation, shac
+from npend_gym.tools import machine, replacing
 
-ROOT = Path(__file__).parents[1]
-sys.path.append(str(ROOT / "examples"))
-from train_sb3 import CONFIGS, algorithm, make_model  # noqa: E402
+HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "examples"))
+from train_sb3 import make_model  # noqa: E402
 
-CSV = ROOT / "docs" / "results" / "side_by_side.csv"
-FIGURE = ROOT / "docs" / "images" / "side_by_side.png"
-PAGE = ROOT / "docs" / "notes" / "side_by_side.md"
-TASKS = tuple(
-    f"{mode}-{chain}"
-    for chain, mode in product(("1", "1-cart", "2", "2-acrobot"), ("balance", "swingup"))
+FILES = HERE / "curves"
+FIGURE = HERE.parent / "docs" / "images" / "side_by_side.png"
+PAGE = HERE.parent / "docs" / "notes" / "side_by_side.md"
+SETTINGS: dict[str, dict[str, Any]] = yaml.safe_load(
+    (HERE / "side_by_side.yml").read_text(encoding="utf-8")
 )
-TUNED = {"PPO": "swingup-1", "SAC": "swingup-1-sac", "TQC": "balance-2-tqc"}  # files of settings
-OURS: dict[str, Any] = {"SHAC": shac, "imitation": imitation}
-AGENTS = (*OURS, *(f"{name} {how}" for name, how in product(TUNED, ("tuned", "default"))))
-BUDGET, CHECKED = 300.0, 15.0  # s of processor time: for all, and between trials of a policy
-EPISODE = 10.0  # s, in training; an evaluation has the environment's own length
-TRIALS = 50  # validation episodes in a trial
-KEY = ("task", "agent", "seed")
-MEANS: dict[str, Any] = {"mean": np.mean, "interquartile mean": interquartile_mean}
-SOLVED = 0.95  # of a run that the curves of the figure count
+OURS: dict[str, Any] = {"shac": shac, "imitation": imitation}
+TUNING: dict[str, dict[str, Any]] = {  # tasks of no suite, on which settings were chosen
+    "balance-1": {"id": "npend/Balance-v1", "n": 1},
+    "swingup-1-cart": {"id": "npend/CartPole-v1", "mode": "swingup"},
+    "swingup-1-medium": {"id": "npend/SwingUp-v1", "n": 1, "difficulty": "medium"},
+}
+CORE = {name: task.env for name, task in SUITES["core"].items()}
+TASKS = CORE | {name: task.env for name, task in SUITES["hard"].items()} | TUNING
+STEPS, SEEDS = 1_000_000, 5  # of the protocol
+EPISODES = 40  # of an evaluation
+EVALUATIONS = 40  # of a run
+SOLVED = 0.95
+COLUMNS = "steps", "seconds", "return", "success"
+Run = dict[str, Any]
+Key = tuple[str, str, int]
 
 
-class Budget(BaseCallback):
-    """Ends a run when its policy succeeds in all trial episodes, or its time is over."""
+class Curve:
+    """What a policy reaches in validation episodes, at even distances of steps."""
 
-    def __init__(self, env: dict[str, Any], budget: float) -> None:
+    def __init__(self, env: dict[str, Any], steps: int) -> None:
+        self.env, self.steps = env, steps
+        self.clock = Stopwatch()
+        self.rows: list[tuple[float, ...]] = []
+
+    def add(self, steps: int, model: Any, *, last: bool = False) -> None:
+        """Evaluate a model where one is due; the clock stands still meanwhile."""
+        due = steps >= (len(self.rows) + 1) * self.steps / EVALUATIONS
+        if last or (due and steps < self.steps):
+            seconds = self.clock.seconds
+            found = evaluate(plain(model), self.env, episodes=EPISODES, seed=VALIDATION)
+            mean = round(float(found.returns.mean()), 2)
+            self.rows.append((steps, round(seconds, 2), mean, found.success_rate))
+            self.clock.seconds = seconds
+
+
+def plain(model: Any) -> Any:
+    """Return a model as a `Policy`, which acts faster, where it can be one."""
+    try:
+        return model if isinstance(model, Policy) else Policy.from_sb3(model)
+    except ValueError:  # CrossQ normalises between its layers
+        return model
+
+
+class Calls(BaseCallback):
+    """Adds to a curve while Stable-Baselines3 trains."""
+
+    def __init__(self, curve: Curve) -> None:
         super().__init__()
-        self.env, self.budget = env, budget
-        self.begun, self.tried, self.next_trial = time.process_time(), 0.0, CHECKED
-
-    @property
-    def seconds(self) -> float:
-        """The processor time of training, without that of the trials."""
-        return time.process_time() - self.begun - self.tried
+        self.curve = curve
 
     def _on_step(self) -> bool:
-        if self.seconds >= self.budget:
-            return False
-        if self.seconds < self.next_trial:
-            return True
-        self.next_trial += CHECKED
-        before = time.process_time()
-        found = evaluate(self.model, self.env, episodes=TRIALS, seed=VALIDATION)
-        self.tried += time.process_time() - before
-        return found.success_rate < 1.0
+        self.curve.add(self.num_timesteps, self.model)
+        return True
+
+    def _on_training_end(self) -> None:
+        self.curve.add(self.num_timesteps, self.model, last=True)
 
 
-def model_of(task: str, agent: str, seed: int, left: Callable[[], float]) -> BaseAlgorithm:
-    """Return an untrained model; `left` tells which share of its time it has left."""
-    name, settings = agent.split()
-    env = env_of_task(task)
-    env["max_episode_steps"] = round(EPISODE / EnvConfig(**env).dt)
-    if settings == "default":
-        first = episode_seeds("training", 1, run=seed).start
-        single = gym.make("NPendulum-v0", **env)
-        return algorithm(name)("MlpPolicy", single, seed=first, device="cpu")
-    config = yaml.safe_load((CONFIGS / f"{TUNED[name]}.yml").read_text(encoding="utf-8"))
-    (section,) = (value for value in config.values() if isinstance(value, dict))
-    rate = section["learning_rate"]
-    if isinstance(rate, str):  # "lin_1e-3" falls linearly to zero: here over the time
-        initial = float(rate.removeprefix("lin_"))
-        section["learning_rate"] = lambda _: initial * left()
-    section["env_kwargs"] = env
-    return make_model({"algo": config["algo"], "NPendulum-v0": section}, seed)
+class Rounds(Checkpoint):
+    """Adds to a curve while a trainer of this package trains."""
+
+    def __init__(self, settings: Any, curve: Curve, of_round: int) -> None:
+        super().__init__(settings)
+        self.curve, self.of_round = curve, of_round
+
+    def rounds(self, parts: dict[str, Any], last: int, *args: Any, **options: Any) -> Iterator[int]:
+        """Yield the rounds, and evaluate after each where it is due."""
+        self.curve.clock = parts["clock"]
+        learner = parts.get("learner") or parts["dagger"]
+        # imitation has a round 0, and plays two rounds with each plan that it tries
+        earlier = 2 * parts["choice"][1] - 1 if "choice" in parts else 0
+        for round_ in super().rounds(parts, last, *args, **options):
+            yield round_
+            steps = (round_ + earlier) * self.of_round
+            self.curve.add(steps, learner.policy({}), last=round_ == last)
 
 
-def by_sb3(task: str, agent: str, seed: int, budget: float) -> tuple[BaseAlgorithm, dict[str, Any]]:
-    """Return a model that was trained, and its steps and seconds."""
-    ends = Budget(env_of_task(task), budget)
-    model = model_of(task, agent, seed, lambda: max(0.0, 1.0 - ends.seconds / budget))
-    ends.begun = time.process_time()
-    model.learn(10**9, callback=ends)
+def by_ours(chosen: dict[str, Any], curve: Curve, seed: int) -> Policy:
+    """Return a policy of a trainer of this package; `chosen` is given the length of the run."""
+    trainer = OURS[chosen.pop("algo")]
+    env = gym.spec(curve.env["id"]).kwargs | curve.env
+    del env["id"]
+    default = trainer.Settings(**chosen)
+    if trainer is shac:
+        env.pop("max_tilt", None)  # which it does not know; its episodes are short
+        of_round = default.num_envs * default.horizon
+        chosen["total_timesteps"] = curve.steps
+    else:
+        episode = round(default.seconds / setting_of(curve.env).config.dt) + default.standing
+        of_round = default.num_envs * episode
+        chosen["rounds"] = max(2, curve.steps // of_round - 2 * default.guesses + 1)
+    settings = trainer.Settings(env=env, seed=seed, **chosen)
+    return trainer.train(settings, None, Rounds(settings, curve, of_round))[0]
+
+
+def by_sb3(chosen: dict[str, Any], curve: Curve, seed: int) -> Any:
+    """Return a model of Stable-Baselines3 or sb3-contrib."""
+    env = dict(curve.env)
+    section = {"n_timesteps": curve.steps} | {k: v for k, v in chosen.items() if k != "algo"}
+    if (seconds := section.pop("episode", None)) is not None:
+        env["max_episode_steps"] = round(seconds / setting_of(env).config.dt)
+    model = make_model({"algo": chosen["algo"], env.pop("id"): section | {"env_kwargs": env}}, seed)
+    if chosen["algo"] == "ars":
+        model.evaluate_candidates = lambda *given: returns_of(model, *given[:2])
+    curve.clock = Stopwatch()
+    model.learn(curve.steps, callback=Calls(curve), log_interval=None)
     model.get_env().close()
-    return model, {"steps": model.num_timesteps, "seconds": round(ends.seconds, 1)}
+    return model
 
 
-def by_ours(task: str, agent: str, seed: int) -> tuple[npend_gym.rl.Policy, dict[str, Any]]:
-    """Return a policy of a trainer of this package, and its steps and seconds."""
-    trainer = OURS[agent]
-    policy, curve = trainer.train(trainer.settings_of(task, seed=seed), f"{task}, {agent}")
-    return policy, {"steps": curve[-1]["steps"], "seconds": round(curve[-1]["seconds"], 1)}
+def returns_of(model: Any, weights: torch.Tensor, callback: BaseCallback) -> torch.Tensor:
+    """Return the returns of ARS's linear candidates, each in a sub-environment of its own."""
+    size = len(weights)
+    linear = weights.reshape(size, -1, model.observation_space.shape[0]).numpy()
+    observation, returns = model.env.reset(), np.zeros(size, np.float32)
+    running = np.ones(size, np.bool_)
+    while running.any():
+        action = np.einsum("bak,bk->ba", linear, observation).clip(-1.0, 1.0)
+        observation, reward, done, _ = model.env.step(action)
+        returns += np.where(running, reward, 0.0)
+        model.num_timesteps += int(running.sum())  # steps after an episode are not used
+        running &= ~done
+        callback.on_step()
+    return torch.from_numpy(returns)
 
 
-def run(task: str, agent: str, seed: int, budget: float) -> dict[str, Any]:
-    """Train, evaluate in held-out episodes, and return what to keep."""
-    found: tuple[Any, dict[str, Any]] = (
-        by_ours(task, agent, seed) if agent in OURS else by_sb3(task, agent, seed, budget)
-    )
-    row = dict(zip(KEY, (task, agent, seed), strict=True)) | found[1]
-    row |= evaluate(found[0], env_of_task(task)).as_row()
-    versions = {
-        "npend_gym": npend_gym.__version__,
-        "stable_baselines3": stable_baselines3.__version__,
-        "sb3_contrib": sb3_contrib.__version__,
-        "torch": torch.__version__,
-    }
-    return row | versions | {"budget": budget, "machine": machine()}
+def train(algorithm: str, task: str, seed: int, steps: int, models: Path) -> Run:
+    """Train, keep the last policy, and return what the file of the run holds."""
+    chosen = deepcopy(SETTINGS[algorithm])  # Stable-Baselines3 writes into policy_kwargs
+    ours = chosen["algo"] in OURS
+    curve = Curve(TASKS[task] | ({"observation": "sincos"} if ours else {}), steps)
+    model = (by_ours if ours else by_sb3)(chosen, curve, seed)
+    place = models / algorithm / str(seed)
+    place.mkdir(parents=True, exist_ok=True)
+    model = plain(model)
+    model.save(place / f"{task}.{'safetensors' if isinstance(model, Policy) else 'zip'}")
+    return {
+        "algorithm": algorithm, "task": task, "seed": seed, "total_steps": steps,
+        "env": curve.env, "settings": SETTINGS[algorithm] | chosen, "episodes": EPISODES,
+        "machine": machine(("torch", "stable-baselines3", "sb3-contrib")),
+        **dict(zip(COLUMNS, map(list, zip(*curve.rows, strict=True)), strict=True)),
+    }  # fmt: skip
 
 
-def recorded(folder: Path, budget: float) -> list[dict[str, Any]]:
-    """Return the rows of the runs in a folder; raise ValueError if one has another budget."""
-    rows = {path: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
-    for path, row in rows.items():
-        if row["budget"] != budget:
-            raise ValueError(
-                f"{path} has a budget of {row['budget']:g} s, not {budget:g} s: "
-                "choose another folder with --out"
-            )
-    return list(rows.values())
+def write(path: Path, run: Run) -> None:
+    """Write the file of a run, whole or not at all, a line for each of its parts."""
+    lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in run.items())
+    with replacing(path) as file:
+        file.write(f"{{\n{lines}\n}}\n")
 
 
-def collected(folder: Path, budget: float) -> list[dict[str, Any]]:
-    """Return the rows of the table in `docs/`, those of the folder in their place, in order.
-
-    Rows in `docs/` of another budget are left out.
-    """
-    rows = [row | {"seed": int(row["seed"])} for row in texts(CSV)]
-    rows = [row for row in rows if float(row["budget"]) == budget] + recorded(folder, budget)
-    latest = {tuple(row[key] for key in KEY): row for row in rows}
-    return sorted(
-        latest.values(),
-        key=lambda row: (TASKS.index(row["task"]), AGENTS.index(row["agent"]), row["seed"]),
-    )
+def groups(folder: Path, *, tuned: bool = False) -> dict[Key, list[Run]]:
+    """Return the seeds of each task, algorithm and number of steps, in order."""
+    names = list(TASKS), list(SETTINGS)
+    found: dict[Key, list[Run]] = defaultdict(list)
+    for path in sorted(folder.glob("*.json")):
+        run = json.loads(path.read_text(encoding="utf-8"))
+        if (run["task"] in TUNING) == tuned:
+            found[run["task"], run["algorithm"], run["total_steps"]].append(run)
+    order = sorted(found, key=lambda k: (names[0].index(k[0]), names[1].index(k[1]), k[2]))
+    return {key: sorted(found[key], key=lambda run: run["seed"]) for key in order}
 
 
-def tried(rows: list[dict[str, Any]]) -> list[str]:
-    """Return the tasks that have rows, in order."""
-    return [task for task in TASKS if any(row["task"] == task for row in rows)]
+def solved(run: Run) -> tuple[float, float]:
+    """Return steps and seconds of the first evaluation with 95 % success, or infinity."""
+    rows = zip(*(run[name] for name in COLUMNS), strict=True)
+    return next(((s, t) for s, t, _, success in rows if success >= SOLVED), (np.inf, np.inf))
 
 
-def scores(rows: list[dict[str, Any]], task: str, agent: str, column: str) -> list[float]:
-    """Return what the seeds of an algorithm reached in a task."""
-    return [float(row[column]) for row in rows if (row["task"], row["agent"]) == (task, agent)]
+def mean_of(runs: list[Run], column: str, k: int = -1, draws: int = 500) -> tuple[float, ...]:
+    """Return the interquartile mean over the seeds in one evaluation, with its interval."""
+    values = np.array([[run[column][k]] for run in runs])
+    return interquartile_mean(values), *bootstrap_interval(values, resamples=draws)
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Return the table of success, with its means over all tasks, in Markdown."""
-    tasks = tried(rows)
-    titles = ["algorithm", *tasks, "mean", "interquartile mean"]
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    for agent in AGENTS:
-        cells = [agent]
-        for task in tasks:
-            success = scores(rows, task, agent, "success")
-            seconds = scores(rows, task, agent, "seconds")
-            cells.append(
-                f"{100 * np.mean(success):.0f} %, {np.median(seconds):.0f} s" if success else "-"
-            )
-        lines.append("| " + " | ".join(cells + overall(rows, agent)) + " |")
-    return "\n".join(lines) + "\n"
+def markdown(titles: tuple[str, ...], rows: list[list[str]]) -> str:
+    """Return a table, whose columns after the second stand at the right."""
+    lines = [titles, ["---"] * 2 + ["---:"] * (len(titles) - 2), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def success_of(rows: list[dict[str, Any]], agent: str) -> Any:
-    """Return the success of an algorithm [%], (seeds, tasks), with as many seeds of each task."""
-    runs = [scores(rows, task, agent, "success") for task in tried(rows)]
-    count = min(map(len, runs), default=0)
-    return 100.0 * np.array([each[:count] for each in runs]).T
+def grouped(number: float) -> str:
+    """Return a whole number with its thousands apart."""
+    return f"{number:,.0f}".replace(",", " ")
 
 
-def overall(rows: list[dict[str, Any]], agent: str) -> list[str]:
-    """Return the cells of means over all tasks."""
-    success = success_of(rows, agent)
-    if success.size == 0:
-        return ["-", "-"]
-    low, high = bootstrap_interval(success)
-    interval = f" ({low:.0f} to {high:.0f})" if low < high else ""
-    return [f"{success.mean():.0f} %", f"{interquartile_mean(success):.0f} %{interval}"]
+def results(found: dict[Key, list[Run]]) -> str:
+    """Return the table of what algorithms reach, and when."""
+    rows: list[list[str]] = []
+    for (task, algorithm, steps), runs in found.items():
+        middle, low, high = (100.0 * each for each in mean_of(runs, "success"))
+        when = np.array([solved(run) for run in runs])
+        reached, (at, after) = np.isfinite(when[:, 0]).sum(), np.median(when, axis=0)
+        rows.append([
+            task, algorithm, grouped(steps), str(len(runs)),
+            f"{middle:.0f} %" + f" ({low:.0f} to {high:.0f})" * (low < high),
+            f"{mean_of(runs, 'return')[0]:.0f}", f"{reached} of {len(runs)}",
+            *((grouped(at), f"{after:.0f} s") if np.isfinite(at) else ("-", "-")),
+        ])  # fmt: skip
+    titles = ("task", "algorithm", "steps", "seeds", "success at the end", "return at the end",
+              "seeds that reach 95 %", "steps to 95 %", "time to 95 %")  # fmt: skip
+    return markdown(titles, rows)
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the success of every run against its processor time, and that over all tasks."""
+def costs(found: dict[Key, list[Run]]) -> str:
+    """Return the table of what the whole core suite takes at the speed of the runs."""
+    rows: list[list[str]] = []
+    for algorithm in dict.fromkeys(name for _, name, _ in found):
+        kept = [key for key in found if key[1] == algorithm]
+        runs = [run for key in kept for run in found[key]]
+        rate = np.median([run["steps"][-1] / run["seconds"][-1] for run in runs])
+        hours = len(CORE) * SEEDS * STEPS / rate / 3600.0
+        rows.append([algorithm, ", ".join(k[0] for k in kept), grouped(rate), f"{hours:.2g}"])
+    return markdown(("algorithm, on one core", "tasks", "steps a second", "hours"), rows)
+
+
+def tuning(found: dict[Key, list[Run]]) -> str:
+    """Return the table of the settings that were tried on the tasks of `TUNING`."""
+    rows: list[list[str]] = []
+    for (task, algorithm, steps), runs in found.items():
+        seconds, value, share = (np.median([r[x][-1] for r in runs]) for x in COLUMNS[1:])
+        cells = f"{100.0 * share:.0f} %", f"{value:.0f}", f"{seconds:.0f} s"
+        rows.append([task, algorithm, grouped(steps), *cells])
+    return markdown(("task", "tried", "steps", "success", "return", "time"), rows)
+
+
+def draw(found: dict[Key, list[Run]], path: Path) -> None:
+    """Draw success and return against steps and processor time, a row for each task."""
     from matplotlib.figure import Figure
 
-    columns = -(-len(tried(rows)) // 2)
-    figure: Any = Figure(figsize=(3.25 * max(columns, 3), 9.0), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
-    draw_runs(rows, upper.subplots(2, columns, sharex=True, sharey=True, squeeze=False))
-    draw_overall(rows, lower.subplots(1, 3))
-    handles = upper.axes[0].get_legend_handles_labels()
-    upper.legend(*handles, loc="outside lower center", ncols=len(AGENTS) // 2)
-    figure.savefig(path, dpi=110)
+    tasks = list(dict.fromkeys(task for task, _, _ in found))
+    names = [name for name in SETTINGS if any(name == known for _, known, _ in found)]
+    figure: Any = Figure(figsize=(13.0, 2.6 * len(tasks) + 0.6), layout="constrained")
+    panels = figure.subplots(len(tasks), 4, squeeze=False)
+    lines: dict[str, Any] = {}
+    for (task, algorithm, _), runs in found.items():
+        count = range(min(len(run["steps"]) for run in runs))
+        for k, y in enumerate(("success", "return")):
+            middle, low, high = np.array([mean_of(runs, y, at, 100) for at in count]).T
+            for x, axes in zip(COLUMNS, panels[tasks.index(task), 2 * k : 2 * k + 2], strict=False):
+                place = [np.median([run[x][at] for run in runs]) for at in count]
+                color = f"C{names.index(algorithm)}"
+                (lines[algorithm],) = axes.plot(place, middle, ".-", color=color, lw=1.3, ms=3.0)
+                axes.fill_between(place, low, high, color=color, alpha=0.2, lw=0.0)
+                axes.set(xscale="log", title=task, ylabel=y)
+                axes.set_xlabel("environment steps" if x == "steps" else "processor time [s]")
+    for axes in panels[:, :2].ravel():
+        axes.set_ylim(-0.04, 1.04)
+    for axes in panels.ravel():
+        axes.xaxis.set_minor_formatter("")
+    figure.legend([lines[name] for name in names], names, loc="outside lower center", ncols=7)
+    figure.savefig(path, dpi=100)
 
 
-def draw_runs(rows: list[dict[str, Any]], panels: Any) -> None:
-    """Draw the success of every run, a panel for each task."""
-    tasks = tried(rows)
-    marks = dict(zip(("SHAC", "imitation", *TUNED), "o^sDv", strict=True))
-    for axes in panels.T.ravel()[len(tasks) :]:
-        axes.set_axis_off()
-    for axes, task in zip(panels.T.ravel(), tasks, strict=False):
-        axes.axvline(BUDGET, color="0.8", lw=1.0)
-        for k, agent in enumerate(AGENTS):
-            axes.plot(
-                scores(rows, task, agent, "seconds"),
-                [100.0 * each for each in scores(rows, task, agent, "success")],
-                marks[agent.split()[0]],
-                color=f"C{k}",
-                markerfacecolor="none" if agent.endswith("default") else None,
-                label=agent,
-            )
-        axes.set(title=task, xscale="log", xlim=(1.0, 1000.0), ylim=(-5.0, 105.0))
-    for axes in panels[-1]:
-        axes.set_xlabel("processor time [s]")
-    for axes in panels[:, 0]:
-        axes.set_ylabel("success [%]")
-
-
-def draw_overall(rows: list[dict[str, Any]], panels: Any) -> None:
-    """Draw means with 95 % intervals as rliable does, and which share of runs succeeds by when."""
-    for axes, (title, mean) in zip(panels, MEANS.items(), strict=False):
-        for k, agent in enumerate(AGENTS):
-            success = success_of(rows, agent)
-            if success.size:
-                low, high = bootstrap_interval(success, mean)
-                axes.barh(k, high - low, left=low, color=f"C{k}", alpha=0.5)
-                axes.plot([mean(success)] * 2, [k - 0.4, k + 0.4], color=f"C{k}", lw=2.5)
-        axes.set(title=title, xlabel="success [%]", xlim=(0.0, 103.0), ylim=(len(AGENTS), -1.0))
-        axes.set_yticks(range(len(AGENTS)), AGENTS if axes is panels[0] else [])
-    for k, agent in enumerate(AGENTS):
-        runs = [row for row in rows if row["agent"] == agent]
-        times = sorted(float(row["seconds"]) for row in runs if float(row["success"]) >= SOLVED)
-        share = 100.0 * np.arange(len(times) + 1) / max(1, len(runs))
-        style = "--" if agent.endswith("default") else "-"
-        panels[2].step(
-            [1.0, *times, BUDGET], [*share, share[-1]], style, where="post", color=f"C{k}"
-        )
-    panels[2].set(
-        title=f"runs with {100.0 * SOLVED:.0f} % success", xscale="log", xlim=(1.0, 1000.0),
-        xlabel="processor time [s]", ylabel="share of runs [%]", ylim=(-3.0, 103.0),
-    )  # fmt: skip
+def publish(folder: Path) -> None:
+    """Write the tables and the picture of the page."""
+    found = groups(folder)
+    for table in (results(found), costs(found), tuning(groups(folder, tuned=True))):
+        publish_table(PAGE, table.partition("\n")[0], table)
+    draw(found, FIGURE)
 
 
 def main() -> None:
     """Train what is missing, each run into a file of its own."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("results/side_by_side"))
-    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
-    parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
-    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(5)))
-    parser.add_argument("--budget", type=float, default=BUDGET, help="s of processor time")
+    parser.add_argument("--algorithms", nargs="*", choices=SETTINGS, default=[])
+    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(CORE))
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(SEEDS)))
+    parser.add_argument("--steps", type=int, default=STEPS, help="of a run")
+    parser.add_argument("--out", type=Path, default=FILES, help="folder of the files")
+    parser.add_argument("--models", type=Path, default=Path("results/side_by_side"))
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
-    if arguments.budget <= 0.0:
-        parser.error(f"--budget must be above 0, got {arguments.budget:g}")
-    if arguments.publish and arguments.budget != BUDGET:
-        parser.error(f"--publish needs --budget {BUDGET:g}, got {arguments.budget:g}")
-    recorded(arguments.out, arguments.budget)  # raises before any training
+    if arguments.steps < EVALUATIONS:
+        parser.error(f"--steps must be at least {EVALUATIONS}, got {arguments.steps}")
     torch.set_num_threads(1)  # two are slower for networks this small
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for seed, task, agent in product(arguments.seeds, arguments.tasks, arguments.agents):
-        path = arguments.out / f"{task}-{agent.replace(' ', '-')}-{seed}.json"
-        if path.exists():
+    for seed, task, algorithm in product(arguments.seeds, arguments.tasks, arguments.algorithms):
+        path = arguments.out / f"{task}-{algorithm}-{seed}.json"
+        if path.exists() and json.loads(path.read_text())["total_steps"] >= arguments.steps:
             continue
-        row = run(task, agent, seed, arguments.budget)
-        write_json(path, row)
-        print(f"{path.stem}: {row['success']:.2f} after {row['seconds']} s", flush=True)
-    rows = collected(arguments.out, arguments.budget)
-    print(table(rows))
+        run = train(algorithm, task, seed, arguments.steps, arguments.models)
+        write(path, run)
+        last = ", ".join(f"{name} {run[name][-1]:g}" for name in COLUMNS)
+        print(f"{path.stem}: {last}", flush=True)
     if arguments.publish:
-        write_csv(CSV, rows)
-        draw(rows, FIGURE)
-        publish_table(PAGE, "| algorithm |", table(rows))
+        publish(arguments.out)
 
 
 if __name__ == "__main__":

@@ -45,9 +45,9 @@ LITERALS = "normalize", "policy_kwargs"
 def algorithm(name: str) -> type[BaseAlgorithm]:
     """Return the class of that name, "ppo" say, of Stable-Baselines3 or sb3-contrib."""
     for module in filter(find_spec, ("stable_baselines3", "sb3_contrib")):
-        found = getattr(importlib.import_module(module), name.upper(), None)
-        if found is not None:
-            return found
+        for known, found in vars(importlib.import_module(module)).items():  # CrossQ is not CROSSQ
+            if isinstance(found, type) and known.lower() == str(name).lower():
+                return found
     raise ValueError(f"algo must be in Stable-Baselines3 or sb3-contrib (installed?), got {name!r}")
 
 

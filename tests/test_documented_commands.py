@@ -88,7 +88,7 @@ ELSEWHERE = {  # why a command is not run here
     "nonlinear_modes": "half a minute; tests/test_examples.py runs a part",
     "--resume": "it goes on with what was interrupted; tests/test_rl_checkpoints.py",
     "algorithms.py": "training that takes hours; tests/test_rl_examples.py runs a part",
-    "side_by_side.py": "training that takes hours; tests/test_rl_examples.py runs a part",
+    "side_by_side.py": "training that takes hours; tests/test_side_by_side.py runs a part",
     "robustness.py": "it takes long; tests/test_rl_robustness.py runs a part",
     "tracker.txt": "the recording is a reader's own; tests/test_measure.py has such a file",
     "drive1.csv": "the recordings are a reader's own",

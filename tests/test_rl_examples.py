@@ -15,7 +15,6 @@ import pytest
 from scripts import run_python, run_script
 from test_examples import ROOT
 
-from npend_gym import _files
 from npend_gym.rl import Policy
 from npend_gym.rl.training.tasks import env_of_task
 
@@ -54,11 +53,6 @@ def train_sb3():
 @pytest.fixture
 def algorithms():
     return imported("algorithms", "torch")
-
-
-@pytest.fixture
-def side_by_side():
-    return imported("side_by_side", "sb3_contrib", "yaml")
 
 
 def config_of(name):
@@ -140,6 +134,12 @@ def test_train_sb3_balances_two_rods_with_the_settings_of_its_file(script, tmp_p
 
 
 @pytest.mark.long
+def test_train_sb3_finds_every_algorithm_by_its_name_in_small_letters(train_sb3):
+    theirs = pytest.importorskip("sb3_contrib")
+    for known in (theirs.CrossQ, theirs.TQC, theirs.RecurrentPPO):
+        assert train_sb3.algorithm(known.__name__.lower()) is known
+
+
 def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(train_sb3, tmp_path):
     import torch
 
@@ -277,7 +277,7 @@ def test_scripts_refuse_no_steps_and_do_not_take_the_default(
         ("evaluate", "torch", ["--pretrained", "swingup-1", "--task", "calm-2"], "--task is for"),
         ("evaluate", "torch", ["--run", "a", "--env-id", "b"], "--env-id is not for --run"),
         ("transitions", "torch", ["2", "--policy", "a", "--plans", "b"], "not allowed with"),
-        ("side_by_side", "sb3_contrib", ["--budget", "0"], "--budget must be above 0"),
+        ("side_by_side", "sb3_contrib", ["--steps", "9"], "--steps must be at least 40, got 9"),
         ("soak", "psutil", ["steps", "--steps", "4"], "steps needs at least 5, got 4"),
         ("judge_engines", "scipy", ["--derivatives", "--engine", "heyoka", "--case", "long"],
          "there are no derivatives of heyoka, long"),
@@ -506,80 +506,6 @@ def test_the_policy_that_is_shipped_is_chosen_by_validation_episodes(
         scores = [0.5, success]
         algorithms.publish(rows, [], tmp_path)
         assert [path.read_text() for path in tmp_path.iterdir()] == ["1"] * (success > 0.9)
-
-
-@pytest.mark.long
-def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
-    side_by_side, call, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setitem(side_by_side.shac.TASKS, "balance-1", {"total_timesteps": 960})
-    monkeypatch.setattr(side_by_side, "CSV", tmp_path / "rows.csv")
-    monkeypatch.setattr(side_by_side, "FIGURE", tmp_path / "rows.png")
-    monkeypatch.setattr(side_by_side, "PAGE", tmp_path / "page.md")
-    monkeypatch.setattr(side_by_side, "BUDGET", 1.0)
-    (tmp_path / "page.md").write_text("before\n\n| algorithm | old |\n\nafter\n")
-    agents = ["SHAC", "PPO tuned", "SAC default"]
-    arguments = ["--tasks", "balance-1", "--seeds", 0, "--publish"]
-    arguments += ["--out", tmp_path / "runs", "--agents", *agents]
-    call(side_by_side, *arguments)
-    first, written = capsys.readouterr().out, (tmp_path / "rows.csv").read_text()
-    call(side_by_side, *arguments)  # all is there: it trains nothing
-    assert first.endswith(capsys.readouterr().out)
-    assert (tmp_path / "rows.csv").read_text() == written
-    rows = list(csv.DictReader(written.splitlines()))
-    assert [row["agent"] for row in rows] == agents
-    assert all(float(row["seconds"]) >= 1.0 for row in rows[1:])
-    assert all(row["episodes"] == "100" for row in rows)
-    assert (tmp_path / "rows.png").stat().st_size > 10_000
-    page = (tmp_path / "page.md").read_text()
-    assert page.startswith("before\n\n| algorithm | balance-1 | mean | interquartile mean |\n")
-    assert page.endswith("|\n\nafter\n")
-    assert page.count("\n| ") == 1 + len(side_by_side.AGENTS)
-
-
-@pytest.mark.long
-def test_runs_side_by_side_in_a_folder_have_one_budget_and_the_default_is_published(
-    side_by_side, call, tmp_path, monkeypatch, capsys
-):
-    def run(*arguments):
-        row = dict(zip((*side_by_side.KEY, "budget"), arguments, strict=True))
-        return row | {"success": 1.0, "seconds": 2.0}
-
-    def main(*arguments):
-        chosen = ["--tasks", "balance-1", "--seeds", 0, "--agents", "SHAC", *arguments]
-        call(side_by_side, "--out", tmp_path, *chosen)
-
-    monkeypatch.setattr(side_by_side, "run", run)
-    main("--budget", "5")
-    assert "| algorithm | balance-1 | mean |" in capsys.readouterr().out  # no rows of 300 s
-    with pytest.raises(ValueError, match=r"balance-1-SHAC-0.json has .* 5 s, not 300 s: .* --out"):
-        main("--tasks", "balance-2")
-    with pytest.raises(SystemExit):
-        main("--budget", "5", "--publish")
-    assert "--publish needs --budget 300, got 5" in capsys.readouterr().err
-
-
-@pytest.mark.long
-def test_runs_side_by_side_have_any_seed(side_by_side, tmp_path, monkeypatch):
-    monkeypatch.setattr(side_by_side, "CSV", tmp_path / "rows.csv")
-    for seed in (1000, 2):
-        row = dict(zip((*side_by_side.KEY, "budget"), ("balance-1", "SHAC", seed, 5), strict=True))
-        (tmp_path / f"{seed}.json").write_text(json.dumps(row))
-    assert [row["seed"] for row in side_by_side.collected(tmp_path, 5.0)] == [2, 1000]
-
-
-@pytest.mark.long
-def test_a_run_side_by_side_whose_file_cannot_be_whole_leaves_none(
-    side_by_side, call, tmp_path, monkeypatch
-):
-    def replace(*_paths):
-        raise OSError(errno.ENOSPC, "the disk is full")
-
-    monkeypatch.setattr(side_by_side, "run", lambda *_: {"success": 1.0, "seconds": 2.0})
-    monkeypatch.setattr(_files.disk, "replace", replace)
-    with pytest.raises(OSError, match="the disk is full"):
-        call(side_by_side, "--out", tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.long
