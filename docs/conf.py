@@ -154,7 +154,7 @@ def mends() -> str:
     lines = ["| engine | file | property | line |", "|---|---|---|---|"]
     for (engine, kind, name), line in MENDS.items():
         shown = f"`{line}`" if not line.startswith("no line") else line
-        lines.append(f"| {engine} | {kind.upper() or 'both'} | {name} | {shown} |")
+        lines.append(f"| {engine} | {kind.upper() or 'all'} | {name} | {shown} |")
     return "\n".join(lines)
 
 

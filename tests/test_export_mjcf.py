@@ -10,7 +10,7 @@ import pytest
 
 from npend_gym import Cart, Chain, simulate
 from npend_gym.cli import main
-from npend_gym.export import to_mjcf, to_urdf
+from npend_gym.export import to_mjcf, to_sdf, to_urdf, to_usd
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
@@ -198,7 +198,7 @@ def test_the_command_writes_the_model(tmp_path):
     assert out.read_text() == to_mjcf(Chain.preset("acrobot"), (1,), 1.5)
 
 
-@pytest.mark.parametrize("write", [to_mjcf, to_urdf])
+@pytest.mark.parametrize("write", [to_mjcf, to_urdf, to_sdf, to_usd])
 @pytest.mark.parametrize("path", ["arm.xml", Path("arm.xml")])
 def test_a_function_that_returns_a_text_says_how_to_write_it_where_it_is_given_a_path(write, path):
     way = rf"write it by Path\('arm.xml'\).write_text\({write.__name__}\(chain\)\)"

@@ -130,8 +130,8 @@ for value in ([0.5, 0.8], 0.0):
     seen.append([env.step(np.ones(env.action_space.shape, np.float32))[0] for _ in range(5)][-1])
 assert np.abs(seen[0] - seen[1]).max() > 1e-6
 
-from npend_gym.export import to_mjcf, to_urdf
-for write in (to_mjcf, to_urdf):
+from npend_gym.export import to_mjcf, to_sdf, to_urdf, to_usd
+for write in (to_mjcf, to_urdf, to_sdf, to_usd):
     try:
         write(chain)
     except ValueError as error:

@@ -155,7 +155,7 @@ REFUSED = [
     ("export --chain acrobot --to mjcf --out a.xml calm-1", "policy must be left out with --to"),
     ("export calm-1 --to c --out a.h --motors 1", "--motors is for --to mjcf"),
     ("export --chain acrobot --to urdf --out a.urdf --motors 0", "--motors is for --to mjcf"),
-    ("export --chain acrobot --to c --out a.h", "--chain is for --to mjcf or urdf"),
+    ("export --chain acrobot --to c --out a.h", "--chain is for --to mjcf, urdf, sdf or usd"),
     ("export calm-1 --to c --prefix 1a --out {new}/a.h", "prefix must be a letter"),
     ("export calm-1 --to c --out policy.c", "out must be a file that ends in .h"),
     ("export calm --to c --prefix arm --relative --out a.h", "policy must be a file or one of"),

@@ -1,8 +1,9 @@
 """Engines, each a function that reads a file and returns accelerations of its joints.
 
-A reader takes the text of a file, "mjcf" or "urdf", and the chain if the engine is to be mended:
-the lines under `if mend is not None` are those that a user has to write. It returns a function of
-joint positions and velocities, in the order of the file, or raises what the engine raises.
+A reader takes the text of a file, "mjcf", "urdf", "sdf" or "usd", and the chain if the engine is to
+be mended: the lines under `if mend is not None` are those that a user has to write. It returns a
+function of joint positions and velocities, in the order of the file, or raises what the engine
+raises.
 """
 
 from __future__ import annotations
@@ -44,7 +45,11 @@ def written(text: str, suffix: str) -> Generator[Path]:
 def mujoco(text: str, kind: str, mend: Chain | None) -> Accelerations:
     """Read by MuJoCo."""
     mj: Any = import_module("mujoco")
-    model = mj.MjModel.from_xml_string(text)
+    if kind == "usd":
+        with written(text, "usda") as path:
+            model = mj.MjSpec.from_file(str(path)).compile()
+    else:
+        model = mj.MjModel.from_xml_string(text)
     if mend is not None and kind == "urdf":
         model.opt.gravity[2] = -mend.gravity
     data = mj.MjData(model)
@@ -120,10 +125,14 @@ def newton(text: str, kind: str, mend: Chain | None) -> Accelerations:
     wp.config.quiet = True
     with wp.ScopedDevice("cpu"):
         builder = engine.ModelBuilder()
-        if mend is not None:
+        if mend is not None and kind != "usd":
             builder = engine.ModelBuilder(gravity=(0.0, 0.0, -mend.gravity))
-        options = {"floating": False} if kind == "urdf" else {}
-        (builder.add_urdf if kind == "urdf" else builder.add_mjcf)(text, **options)
+        if kind == "usd":
+            with written(text, "usda") as path:
+                builder.add_usd(str(path))
+        else:
+            options = {"floating": False} if kind == "urdf" else {}
+            (builder.add_urdf if kind == "urdf" else builder.add_mjcf)(text, **options)
         model = builder.finalize()
         damped = {} if mend is None else {"angular_damping": 0.0}
         solver = engine.solvers.SolverFeatherstone(model, **damped)
@@ -358,13 +367,14 @@ def roboticstoolbox(text: str, kind: str, mend: Chain | None) -> Accelerations:
 
 
 BOTH, MJCF, URDF = ("mjcf", "urdf"), ("mjcf",), ("urdf",)
+WITH_SDF, WITH_USD = (*BOTH, "sdf"), (*BOTH, "usd")
 READERS = {
-    "MuJoCo": Reader(mujoco, "mujoco", BOTH),
+    "MuJoCo": Reader(mujoco, "mujoco", WITH_USD),
     "MJX": Reader(mjx, "mujoco-mjx", MJCF),
     "MuJoCo Warp": Reader(mujoco_warp, "mujoco-warp", MJCF, 1e-3),
-    "Newton": Reader(newton, "newton", BOTH, 2e-3),
+    "Newton": Reader(newton, "newton", WITH_USD, 2e-3),
     "Genesis": Reader(genesis, "genesis-world", BOTH, 1e-4),
-    "Drake": Reader(drake, "drake", BOTH),
+    "Drake": Reader(drake, "drake", WITH_SDF),
     "DART": Reader(dart, "dartpy", URDF, 1e-5),
     "Pinocchio": Reader(pinocchio, "pin", BOTH),
     "iDynTree": Reader(idyntree, "idyntree", URDF),

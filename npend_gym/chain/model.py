@@ -167,6 +167,8 @@ class Chain(NamedChains):
     from_mjcf = MethodFromAbove("npend_gym.export.read_mjcf:from_mjcf", static=True)  # type: ClassVar[Any]
     from_urdf = MethodFromAbove("npend_gym.export.read_urdf:from_urdf", static=True)  # type: ClassVar[Any]
     to_urdf = MethodFromAbove("npend_gym.export.urdf:to_urdf")  # type: ClassVar[Any]
+    to_sdf = MethodFromAbove("npend_gym.export.sdf:to_sdf")  # type: ClassVar[Any]
+    to_usd = MethodFromAbove("npend_gym.export.usd:to_usd")  # type: ClassVar[Any]
     _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")  # type: ClassVar[Any]
 
     @property

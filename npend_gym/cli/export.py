@@ -3,9 +3,9 @@
 A policy becomes a C99 header, which needs no library and allocates nothing. It computes torques
 from measured angles and velocities. The controllers LQR, damping and plan become such headers too.
 Files of ONNX and PyTorch have the network, with its memory as a tensor; LQR and damping become
-networks there. A chain becomes a model of MuJoCo, or a robot in URDF. These formats lack terms such
-as drag: fit the chain without them, or drop them. See docs/howto/export.md and
-docs/howto/mujoco.md.
+networks there. A chain becomes a model of MuJoCo, a robot in URDF, a world in SDF, or a stage in
+USD. These formats lack terms such as drag: fit the chain without them, or drop them. See
+docs/howto/export.md and docs/howto/mujoco.md.
 
 Examples
 --------
@@ -15,6 +15,7 @@ Examples
   npend export swingup-3-robust --to torch -o policy.pt2
   npend export --chain results/fit.json --to mjcf --drop quadratic_drag --motors 0 -o chain.xml
   npend export --chain acrobot --to urdf --for drake -o chain.urdf
+  npend export --chain "multiarm 2" --to usd --for newton -o chain.usda
 """
 
 from __future__ import annotations
@@ -34,13 +35,16 @@ FILLS: dict[str, tuple[str, ...]] = {
     "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
 }
 _IN_C = "LQR", "damping", "plan"  # controllers that a header can have
-_SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf"}
+_SUFFIXES = {
+    "c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf", "sdf": ".sdf",
+    "usd": ".usda",
+}  # fmt: skip
 
 
 def run(
     policy: str | None = None,
     *,
-    to: Literal["c", "onnx", "torch", "mjcf", "urdf"],
+    to: Literal["c", "onnx", "torch", "mjcf", "urdf", "sdf", "usd"],
     out: Path,
     chain: Chain | Mapping[str, Any] | str | None = None,
     prefix: str | None = None,
@@ -60,18 +64,18 @@ def run(
     policy : policy, optional
         The name of a policy in the package, or a file (.safetensors).
     to : format
-        Format: c (a header), onnx or torch (a network), mjcf or urdf (a chain).
+        Format: c (a header), onnx or torch (a network), mjcf, urdf, sdf or usd (a chain).
     out : file
-        File to write, .h, .onnx, .pt2, .xml or .urdf; missing folders are created.
+        File to write, .h, .onnx, .pt2, .xml, .urdf, .sdf or .usda; missing folders are created.
     chain : Chain, optional
-        The chain, for mjcf and urdf: a preset or a JSON file.
+        The chain, for mjcf, urdf, sdf and usd: a preset or a JSON file.
     prefix : name, optional
         Prefix of the names in the header (default npend).
     relative : bool
         Sensors show the angle of each rod relative to the rod above it.
     drop : sequence of str
-        Terms of the chain to drop, for mjcf (drag, quadratic_drag, gear) and urdf (drag,
-        quadratic_drag, armature, stiffness).
+        Terms of the chain to drop: drag, quadratic_drag; for mjcf and usd gear, for urdf and sdf
+        armature, for all but mjcf stiffness.
     controller : name, optional
         A controller in place of a policy: LQR, damping or, for c, plan.
     for_engine : name, optional
@@ -82,7 +86,7 @@ def run(
     from npend_gym import _checks, export
     from npend_gym._files import replacing
     from npend_gym.chain import as_chain
-    from npend_gym.export import mjcf, readers, urdf
+    from npend_gym.export import mjcf, readers, sdf, urdf, usd
     from npend_gym.report import prepare_file
 
     prepare_file(out, (_SUFFIXES[to],))
@@ -93,28 +97,29 @@ def run(
         _refuse([] if controller is None else ["controller"], to, "c")
     if controller is None and (task is not None or env):
         raise ValueError("--task and --env are for a --controller: a policy has its environment")
-    if to in ("mjcf", "urdf"):
+    formats: dict[str, Any] = {"mjcf": mjcf, "urdf": urdf, "sdf": sdf, "usd": usd}
+    if to in formats:
         if chain is None:
             raise ValueError(f"--to {to} needs --chain")
         if policy is not None or trust:
             raise ValueError(f"policy must be left out with --to {to}, which writes a chain")
-        given, lacks = as_chain(chain), (mjcf if to == "mjcf" else urdf).LACKS
+        given, lacks = as_chain(chain), formats[to].LACKS
         whole = mjcf.without(given, drop, f"--to {to}", lacks)
         for name, value in mjcf.held(given, drop).items():
             warn(f"npend export: drops {name} = {value}: the {to} moves otherwise than the chain")
         said = [] if for_engine is None else readers.advice(for_engine, to, whole)
-        text = export.to_mjcf(whole, **model) if to == "mjcf" else export.to_urdf(whole)
+        text = getattr(formats[to], f"to_{to}")(whole, **model)
         with replacing(out) as file:
             file.write(text)
         for line in said:
             warn(f"npend export: {line}")
     else:
         if for_engine is not None:
-            raise ValueError("--for is for --to mjcf or urdf")
+            raise ValueError("--for is for --to mjcf, urdf, sdf or usd")
         if drop:
-            raise ValueError("--drop is for --to mjcf or urdf, which lack terms")
+            raise ValueError("--drop is for --to mjcf, urdf, sdf or usd, which lack terms")
         if chain is not None:
-            raise ValueError("--chain is for --to mjcf or urdf")
+            raise ValueError("--chain is for --to mjcf, urdf, sdf or usd")
         if controller is not None:
             _checks.choice("--controller", controller, _IN_C)
             if controller == "plan" and str(task).startswith("transition"):

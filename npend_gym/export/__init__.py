@@ -1,4 +1,4 @@
-"""Policies and chains for other programs: C, ONNX, PyTorch, MuJoCo and URDF."""
+"""Policies and chains for other programs: C, ONNX, PyTorch, MuJoCo, URDF, SDF and USD."""
 
 from npend_gym._faces import attach_stub
 

@@ -6,4 +6,6 @@ from npend_gym.export.networks import to_onnx as to_onnx
 from npend_gym.export.networks import to_torch as to_torch
 from npend_gym.export.read_mjcf import from_mjcf as from_mjcf
 from npend_gym.export.read_urdf import from_urdf as from_urdf
+from npend_gym.export.sdf import to_sdf as to_sdf
 from npend_gym.export.urdf import to_urdf as to_urdf
+from npend_gym.export.usd import to_usd as to_usd

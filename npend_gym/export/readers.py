@@ -16,17 +16,24 @@ Engine = Literal[
 ENGINES: tuple[str, ...] = get_args(Engine)
 USUAL_GRAVITY = 9.81  # m/s^2, which engines take where a file has none
 _SMALL = 1e-10  # kg m^2, below which Newton changes an inertia
-# Of each engine, format and property, the line that mends the property; "" as format: both.
+# Of each engine, format and property, the line that mends the property; "" as format: all.
 # `benchmarks/engines_read.py` measures what is kept, lost and changed
 MENDS: dict[tuple[str, str, str], str] = {
     ("mujoco", "urdf", "gravity"): "model.opt.gravity[2] = -g",
-    ("newton", "", "gravity"): "ModelBuilder(gravity=(0, 0, -g)); the file's is ignored",
+    (
+        "mujoco",
+        "usd",
+        "any",
+    ): "MjSpec.from_file('chain.usda').compile(), with pip install mujoco-usd",
+    ("newton", "mjcf", "gravity"): "ModelBuilder(gravity=(0, 0, -g)); the file's is ignored",
+    ("newton", "urdf", "gravity"): "ModelBuilder(gravity=(0, 0, -g)); the file's is ignored",
     ("newton", "", "friction"): "no line: the Featherstone solver has no friction",
     ("newton", "", "bobs"): "no line: inertia below 1e-10 kg m^2 becomes 1e-6",
     ("newton", "", "springs"): "no line: the joint slides before it turns",
     ("genesis", "", "gravity"): "SimOptions(gravity=(0, 0, -g)); the file's is ignored",
     ("genesis", "urdf", "any"): "morphs.URDF(default_armature=0.0), or joints get 0.1 kg m^2",
     ("drake", "urdf", "gravity"): "plant.mutable_gravity_field().set_gravity_vector([0, 0, -g])",
+    ("drake", "sdf", "gravity"): "plant.mutable_gravity_field().set_gravity_vector([0, 0, -g])",
     ("drake", "", "friction"): "no line: joints of the plant have no friction",
     ("drake", "mjcf", "armature"): "plant.AddJointActuator('r1', plant.GetJointByName('joint1'))"
     ".set_default_rotor_inertia(armature[1]), or give --motors at all joints with armature",
@@ -58,8 +65,12 @@ MENDS: dict[tuple[str, str, str], str] = {
     ("roboticstoolbox", "urdf", "damping"): "tau -= damping * v, before robot.accel",
     ("roboticstoolbox", "urdf", "friction"): "tau -= friction * numpy.sign(v)",
 }
-_READ_URDF_ONLY = "dart", "idyntree", "pybullet", "sapien", "roboticstoolbox"
-_READ_MJCF_ONLY = "mjx", "mujoco_warp", "brax"
+_BOTH = "mjcf", "urdf"
+_READ: dict[str, tuple[str, ...]] = {  # formats, of those that read other ones
+    **dict.fromkeys(("mjx", "mujoco_warp", "brax"), ("mjcf",)),
+    **dict.fromkeys(("dart", "idyntree", "pybullet", "sapien", "roboticstoolbox"), ("urdf",)),
+    **dict.fromkeys(("mujoco", "newton"), (*_BOTH, "usd")), "drake": (*_BOTH, "sdf"),
+}  # fmt: skip
 
 
 def advice(engine: str, to: str, chain: Chain) -> list[str]:
@@ -70,7 +81,7 @@ def advice(engine: str, to: str, chain: Chain) -> list[str]:
     engine : str
         One of `ENGINES`.
     to : str
-        Format, "mjcf" or "urdf".
+        Format, "mjcf", "urdf", "sdf" or "usd".
     chain : Chain
 
     Returns
@@ -80,12 +91,11 @@ def advice(engine: str, to: str, chain: Chain) -> list[str]:
     Raises
     ------
     ValueError
-        If the engine is not known, or does not read the format `to`, "mjcf" or "urdf".
+        If the engine is not known, or does not read the format `to`.
     """
     _checks.choice("the engine", engine, ENGINES)
-    other = {"mjcf": _READ_URDF_ONLY, "urdf": _READ_MJCF_ONLY}[to]
-    if engine in other:
-        raise ValueError(f"{engine} must have --to {'urdf' if to == 'mjcf' else 'mjcf'}")
+    if to not in (formats := _READ.get(engine, _BOTH)):
+        raise ValueError(f"{engine} must have --to {' or '.join(formats)}, got {to}")
     has = {
         "any": True,
         "gravity": chain.gravity != USUAL_GRAVITY,
