@@ -182,6 +182,28 @@ def test_angles_from_upright_end_with_an_error_that_says_so(n):
         identify(times, theta - np.pi, chain=Chain.uniform(n), held_out=0.0)
 
 
+def test_angles_from_an_axis_that_points_sideways_end_with_an_error_that_says_so():
+    times = np.arange(0.0, 6.0, 0.01)
+    theta = simulate(Chain.uniform(1), 0.8, 0.0, times).theta
+    for turn, way in ((0.5 * np.pi, "subtract"), (-0.5 * np.pi, "add")):
+        with pytest.raises(ValueError, match=f"from an axis that points sideways.*: {way} np.pi"):
+            identify(times, theta + turn, chain=Chain.uniform(1), held_out=0.0)
+
+
+@pytest.mark.parametrize("lengths", [[0.7], [0.4, 0.3]])
+def test_a_camera_that_is_not_level_biases_no_value(lengths):
+    times, n = np.arange(0.0, 20.0, 0.02), len(lengths)
+    true, tilt = Chain([0.5] * n, lengths, damping=0.004), 0.03
+    theta = noisy(simulate(true, 0.3, 0.0, times).theta) + tilt
+    with pytest.warns(UserWarning, match="the angles are off by 0.0[23]"):
+        found = identify(times, theta, chain=Chain([0.5] * n, lengths))
+    level = identify(times, theta - tilt, chain=Chain([0.5] * n, lengths))  # without a warning
+    assert not level.offsets.any()
+    assert found.offsets == pytest.approx([tilt] * n, abs=1e-3)
+    inertia = values_of(true)[0]
+    assert values_of(found.chain)[0] == pytest.approx(inertia, rel=3e-3)
+
+
 @pytest.mark.parametrize("amplitude", [0.3, 1.0])
 @pytest.mark.parametrize("term", [{}, {"damping": 0.0083}, {"friction": 0.002},
                                   {"quadratic_drag": 0.02}])  # fmt: skip

@@ -11,9 +11,10 @@ from test_identification import DATA, TRUE, recorded
 from npend_gym import Chain, identify, simulate, theory
 from npend_gym.cli import main
 from npend_gym.identification import Identification, read_motion
-from npend_gym.identification.fit import FitProblem, _hold_out
+from npend_gym.identification.fit import FitProblem
 from npend_gym.identification.motion import check_motion
 from npend_gym.identification.parameters import new_model, values_of
+from npend_gym.identification.stages import hold_out
 from npend_gym.identification.uncertainty import undetermined
 from npend_gym.report.identification_report import identification_text
 
@@ -191,7 +192,10 @@ def test_the_pieces_of_several_files_are_numbered_on(motion_file):
         ("time,theta0\n0,1.2 rad\n", "line 2: theta0 must be a number, got '1.2 rad'"),
         ("time,theta0\n0,1,2\n", "line 2: 2 cells are needed, got 3"),
         ("time,theta0,piece\n" + GOOD.replace("\n", ",0.5\n"), "piece must be 60 integers"),
-        ("time;theta0\n0,02;0.69 rad\n", "must be a table: lines with equally many numbers"),
+        (
+            "time;theta0\n0,02;0.69 rad\n",
+            "positions x and y, or rates of a gyroscope, got 'time, theta0 (text)'",
+        ),
         ("time,theta0\n0,1_0.0\n", "line 2: theta0 must be a number, got '1_0.0'"),
         ("time,theta0\n" + GOOD.replace(",", ";"), "line 2: 2 cells are needed, got 1"),
     ],
@@ -339,12 +343,12 @@ def test_a_slow_recording_beside_a_fast_one_is_used_and_a_short_one_is_reported(
 
 
 def test_held_out_segments_are_evenly_spaced_and_their_share_is_that_wanted():
-    assert _hold_out(10, 0.4) == [1, 3, 6, 8]
-    assert _hold_out(10, 0.25) == [1, 5, 9]
-    assert _hold_out(12, 1.0 / 6.0) == [2, 8]
-    assert _hold_out(2, 0.1) == [1]
-    assert _hold_out(1, 0.25) == _hold_out(9, 0.0) == []
-    assert all(len(_hold_out(200, share)) == 2 * round(100 * share) for share in (0.1, 0.3, 0.45))
+    assert hold_out(10, 0.4) == [1, 3, 6, 8]
+    assert hold_out(10, 0.25) == [1, 5, 9]
+    assert hold_out(12, 1.0 / 6.0) == [2, 8]
+    assert hold_out(2, 0.1) == [1]
+    assert hold_out(1, 0.25) == hold_out(9, 0.0) == []
+    assert all(len(hold_out(200, share)) == 2 * round(100 * share) for share in (0.1, 0.3, 0.45))
 
 
 def test_the_licences_of_the_measured_data_stand_beside_them():
@@ -373,7 +377,7 @@ def test_frame_numbers_and_repeated_times_are_said_to_be_so(motion_file, refusal
     assert "are these frame numbers? Divide them by the frames a second" in error
     twice = "".join(f"{0.017 * (k - (k == 9))},{angle}\n" for k, angle in enumerate(theta))
     error = refusal("identify", motion_file("time,theta0\n" + twice), "--lengths", "0.3")
-    assert "0.136 s in row 9 after 0.136 s: a row that stands twice is left out" in error
+    assert "0.136 s in row 9 after 0.136 s: leave out rows that stand twice" in error
 
 
 def test_lengths_in_millimetres_or_centimetres_bring_a_warning_before_the_fit():

@@ -135,28 +135,27 @@ def angles_in(table: Table, by_role: dict[str, list[Meant]]) -> tuple[str, list[
         present = ["relative"]
     moving = (role for role in present if any(one.moves for one in by_role[role]))
     role = next(moving, present[0] if present else "")
-    names = ", ".join(one.name for one in table.columns)
     if not role or (role == "x" and len(by_role.get("y", ())) != len(by_role["x"])):
         by_number = "" if table.named else ", such as --columns time=1,theta0=2"
         way = (
             "its first line must name time, theta0, theta1, ..., and may name tau0, ... and piece; "
             f"other names are given by columns{by_number}"
         )
-        if "ccelera" in names:
+        if "ccelera" in table.names:
             way = "accelerations show no angle, the rates of a gyroscope do"
         raise ValueError(
             "the file must have the column theta0, or angles, positions x and y, or rates of a "
-            f"gyroscope, got {_checks.show(names)}: {way}"
+            f"gyroscope, got {_checks.show(table.names)}: {way}"
         )
     if role == "x" and len(by_role.get("z", ())) == len(by_role["x"]):
         raise ValueError(
-            f"x, y and z may be places or the axes of a sensor, got {_checks.show(names)}: name "
-            "the two that are meant by columns, such as x0=x,y0=z, or call the file Gyroscope.csv"
+            f"x, y and z may be places or the axes of a sensor, got {_checks.show(table.names)}: "
+            "name the two that are meant by columns, as x0=x,y0=z, or call the file Gyroscope.csv"
         )
     if role == "axes" and len(by_role[role]) != 3:
         raise ValueError(
-            f"rates of a gyroscope must be about x, y and z, got {_checks.show(names)}: name the "
-            "one that is meant by columns, such as omega0=..."
+            f"rates of a gyroscope must be about x, y and z, got {_checks.show(table.names)}: name "
+            "the one that is meant by columns, such as omega0=..."
         )
     return role, single(by_role[role])
 

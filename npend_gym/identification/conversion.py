@@ -223,10 +223,9 @@ def _times(
         said.append(f"times are frames at {fps:g} a second")
         return numbers / fps
     if not own:
-        names = ", ".join(one.name for one in table.columns)
         raise ValueError(
-            f"the file must have the column time, got {_checks.show(names)}: its first line must "
-            "name the columns; other names are given by columns"
+            f"the file must have the column time, got {_checks.show(table.names)}: its first "
+            "line must name the columns; other names are given by columns"
             + ("" if table.named else ", such as --columns time=1,theta0=2")
             + ", and frames a second by fps"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,19 @@ from npend_gym.identification.motion import MIN_ROWS, Motion, check_motion
 from npend_gym.identification.moving_pivot import with_position
 from npend_gym.identification.parameters import INERTIA, LIFT, OFFSET, new_model
 from npend_gym.identification.plausibility import (
+    DOUBTED,
     check_explained,
     check_readings,
     check_units,
     check_values,
+    is_off,
+    say_offsets,
+    spread_of,
 )
 from npend_gym.identification.result import Identification, describe
 from npend_gym.identification.selection import LeftOut, choose
 from npend_gym.identification.small_swings import small_period_errors, small_periods
-from npend_gym.identification.stages import Fit, Stages
+from npend_gym.identification.stages import Fit, Stages, split
 from npend_gym.identification.uncertainty import uncertainty, undetermined
 from npend_gym.physics.arguments import warn_caller
 
@@ -70,7 +75,8 @@ def identify(
         "quadratic_drag", "armature", "length" (of all links but the last), "offset" (an angle of
         `theta` minus the true one); of the chain, "gravity". All named terms are fitted. By default
         inertia and lift, and as many of damping, friction, "quadratic_drag" and (with torques)
-        armature as the data support.
+        armature as the data support, and offsets below 20 degrees, with a warning, if they make
+        errors much smaller.
     segment : float, optional
         Longest time [s] simulated from one initial state, which is fitted; at least 20 rows. By
         default four typical periods of the motion, or less if the motion is too sensitive.
@@ -89,8 +95,8 @@ def identify(
     ValueError, TypeError
         If an argument breaks its rule, or free swings are 100 times as slow or as fast as those of
         the given chain: times in milliseconds are refused. If the angles fit much better as
-        degrees, angles of joints, angles from upright, or angular velocities. If they fit much
-        better with shorter times, as from a film in slow motion.
+        degrees, angles of joints, angles from upright or from an axis that points sideways, or
+        angular velocities. If they fit much better with shorter times, as from slow motion.
     RuntimeError
         If no chain with the given lengths moves like the data, or the fitted one is not a pendulum:
         centres ten lengths from their joint, ten times the given mass, or ten times the period of
@@ -234,8 +240,8 @@ class FitProblem:
 
     def solve(self) -> Identification:
         """Fit, and judge the fit by the segments that were held out."""
-        stages, motion, given_model = self.stages, self.stages.motion, self.stages.model
         fitted, held, duration = self._fit()
+        stages, motion, given_model = self.stages, self.stages.motion, self.stages.model
         model, left_out = given_model, list[LeftOut]()
         errors = uncertainty(fitted.solution, model)
         if self.open and not errors.rough:  # few segments tell no terms apart
@@ -243,6 +249,8 @@ class FitProblem:
             errors = uncertainty(fitted.solution, model)
         values = model.unpack(fitted.solution.fitted)
         chain = model.chain_of(values)
+        if self.open:
+            say_offsets(values[OFFSET])
         if errors.rough:
             warn_caller(
                 f"standard errors are large, and rough: {len(fitted.rows)} segments, whose errors "
@@ -292,18 +300,20 @@ class FitProblem:
         )
 
     def _fit(self) -> tuple[Fit, list[slice], float]:
-        """Return the fit over the longest segments that are possible, those held out, how long.
+        """Return the fit over the longest segments, those held out, how long.
 
-        Where segments become shorter than they were first, what is held out is chosen again.
+        Where they become shorter than they were first, what is held out is chosen again.
         """
-        motion, blocks = self.stages.motion, self.blocks()
-        training, held = _split(blocks, self.held_out)
+        motion, model, blocks = self.stages.motion, self.stages.model, self.blocks()
+        training, held = split(blocks, self.held_out)
         longest = max(float(np.ptp(motion.times[rows])) for rows in training)
         fitted, duration = self._lengthen(training)
-        check_explained(motion, self.stages.model, fitted, duration, longest)
+        if self.open and fitted.scatter > DOUBTED * spread_of(motion):
+            fitted, duration = self._with_offset(training, fitted, duration)
+        check_explained(motion, model, fitted, duration, longest)
         if duration < longest and self.held_out > 0.0:
             blocks = motion.cut(motion.stretches(), duration)
-            training, held = _split(blocks, self.held_out)
+            training, held = split(blocks, self.held_out)
             found = self.stages.model.unpack(fitted.solution.fitted)
             fitted, duration = self._lengthen(training, found)
         if len(blocks) == 1 and self.held_out > 0.0:
@@ -312,6 +322,19 @@ class FitProblem:
                 "segment, or held_out=0"
             )
         return fitted, held, duration
+
+    def _with_offset(
+        self, training: Sequence[slice], fit: Fit, duration: float
+    ) -> tuple[Fit, float]:
+        """Return the fit with angles that are off by a little, if that is much better."""
+        before, values = self.stages, self.stages.model.unpack(fit.solution.fitted)
+        self.stages = before.with_offset()
+        with suppress(RuntimeError, ValueError):
+            found, longest = self._lengthen(training, values)
+            if is_off(found, fit, self.stages.model, longer=longest > duration):
+                return found, longest
+        self.stages = before
+        return fit, duration
 
     def _lengthen(
         self, training: Sequence[slice], values: FloatArray | None = None
@@ -333,17 +356,3 @@ class FitProblem:
                 "whether angles are absolute"
             ) from error
         return fitted, duration
-
-
-def _split(blocks: Sequence[slice], share: float) -> tuple[list[slice], list[slice]]:
-    """Return which blocks are fitted and which are held out."""
-    held = _hold_out(len(blocks), share)
-    return [rows for k, rows in enumerate(blocks) if k not in held], [blocks[k] for k in held]
-
-
-def _hold_out(count: int, share: float) -> list[int]:
-    """Return which of `count` blocks are held out: evenly spaced, at least one of two."""
-    if share == 0.0 or count < 2:
-        return []
-    middles = (np.arange(math.floor(share * count + 0.5 + 1e-9)) + 0.5) / share
-    return (np.ceil(middles - 1e-9).astype(int) - 1).tolist() or [count - 1]

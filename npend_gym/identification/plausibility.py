@@ -22,12 +22,13 @@ from npend_gym.physics.arguments import warn_caller
 _FAST, _DRIVEN_FAST, _SLOW, _IMPOSSIBLE = 4.0, 10.0, 10.0, 100.0
 _POOR = 0.05  # scatter of the errors, of that of the angles, from which on there is a warning ...
 _NOTHING = 0.3  # ... and an error
-_DOUBTED = 0.01  # ... and other meanings of the angles are tried
+DOUBTED = 0.01  # ... and other meanings of the angles are tried
 _SHORT = 0.6  # of the segments' longest duration: where fewer could be followed, angles are doubted
 _ROUGHLY = 8  # iterations of a fit of other angles: a better meaning shows at once
 _LEAST_DEGREES = 2.0  # the largest angle of a swing that is measured in degrees, at least
 # times smaller are the errors of angles that were taken wrongly; integrals have less noise anyway
 _BETTER, _RATES_BETTER = 1.5, 5.0
+_LEVEL = 0.35  # rad; angles that are off by more are so on purpose
 _AIR = 1.2  # kg/m^3, its density
 _OUTSIDE, _FAR = 2.0, 10.0  # lengths of a link, between its joint and its centre
 _TOO_LARGE = 2.0  # times the inertia that the given masses can have in a link of its length
@@ -80,6 +81,9 @@ _READINGS: list[tuple[Callable[[Motion], Motion], int, str, str]] = [
     (_angles(lambda motion: np.diff(motion.theta, axis=1, prepend=0.0)), 2, _ANGLES, _ADDED_UP),
     (_angles(lambda motion: motion.theta + np.pi), 1, _ANGLES,
      "from where it stands upright: add np.pi to them"),
+    *((_angles(lambda motion, turn=turn: motion.theta + turn), 1, _ANGLES,
+       f"from an axis that points sideways, as theta_r of Tracker: {way} np.pi / 2")
+      for turn, way in ((0.5 * np.pi, "add"), (-0.5 * np.pi, "subtract"))),
     (_angles(_radians), 1, _ANGLES, f"degrees: {RADIANS}"),
     (_angles(_integrated), 1, _ANGLES,
      f"angular velocities, as a gyroscope measures: {_INTEGRATE}"),
@@ -124,6 +128,12 @@ def _slowness(chain: Chain, motion: Motion) -> tuple[float, float, float]:
     return measured / expected, measured, expected
 
 
+def spread_of(motion: Motion) -> float:
+    """Return by how much angles vary [rad], those that turn over by pi at most."""
+    spreads = [np.std(motion.theta[rows], axis=0) for rows in motion.stretches()]
+    return float(np.sqrt(np.mean(np.minimum(spreads, MAX_DEVIATION) ** 2)))
+
+
 def check_explained(
     motion: Motion, model: FitModel, fitted: Fit, duration: float, longest: float
 ) -> None:
@@ -138,9 +148,8 @@ def check_explained(
     RuntimeError
         If the fit explains nothing.
     """
-    spreads = [np.std(motion.theta[rows], axis=0) for rows in motion.stretches()]
-    moved = float(np.sqrt(np.mean(np.minimum(spreads, MAX_DEVIATION) ** 2)))
-    if fitted.scatter > _DOUBTED * moved or duration < _SHORT * longest:
+    moved = spread_of(motion)
+    if fitted.scatter > DOUBTED * moved or duration < _SHORT * longest:
         check_readings(motion, model, fitted.rows, fitted.rmse)
     if fitted.scatter <= _POOR * moved:
         return
@@ -151,6 +160,25 @@ def check_explained(
     if fitted.scatter > _NOTHING * moved:
         raise RuntimeError(text)
     warn_caller(text)
+
+
+def is_off(found: Fit, before: Fit, model: FitModel, *, longer: bool) -> bool:
+    """Return whether angles are off by a little: a camera is not level, the zero of a sensor wrong.
+
+    `found` has offsets, which `before` has not. It may have `longer` segments.
+    """
+    better = found.rmse * (1.0 if longer else _BETTER) < before.rmse
+    return better and bool(np.abs(model.unpack(found.solution.fitted)[OFFSET]).max() < _LEVEL)
+
+
+def say_offsets(offsets: FloatArray) -> None:
+    """Warn of offsets [rad] that nobody asked to fit."""
+    if offsets.any():
+        shown = ", ".join(f"{offset:.3g}" for offset in offsets.tolist())
+        warn_caller(
+            f"the angles are off by {shown} rad, as of a camera that is not level or a sensor "
+            'whose zero is wrong: "offset" is fitted, too'
+        )
 
 
 def check_readings(motion: Motion, model: FitModel, rows: Sequence[slice], error: float) -> None:

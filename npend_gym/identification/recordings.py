@@ -90,21 +90,27 @@ def read_motion(
     Files in these other layouts are read without an argument:
 
     - Tracker: one or several tracks; x and y, or theta from the x axis, in degrees;
-    - phyphox: CSV or zip of the gyroscope; rates about the axis of the swing;
+    - phyphox, Sensor Logger: CSV or zip of the gyroscope; rates about the axis of the swing;
     - Capstone: a time column for each run; rows of photogates are left out;
     - Logger Pro, Graphical Analysis: ``.cmbl``, ``.gambl``, CSV;
-    - RealAIGym: torques, and angles of joints relative to the link above;
+    - RealAIGym, joints of ROS: torques, and angles relative to the link above;
     - ROS 2 bags in the format MCAP (extra "ros"): positions of ``sensor_msgs/JointState`` by the
       stamps of their headers, relative to the link above, in the order of the first message;
-    - tables with names after ``%`` or ``#``, as of Schmidt and Lipson;
+    - a cart: angle, and position of the cart;
+    - tables with names after ``%`` or ``#``, below other lines, or above a line of units;
+    - tables without names: time and angle, or time, x and y of a bob on an arc;
     - pixels of markers, x and y of each without names, y down; they need `fps`.
 
-    Tabs, commas, semicolons or blanks separate columns; decimals may have commas. Rows with empty
-    cells are left out. Positions become angles: the pivot is the first marker if it rests, or the
-    origin, or the centre of the circle of the first bob. Rates are integrated; a steady rate and
-    the mean angle count as zero. `npend identify` prints how it understood a file, how many rows it
-    left out, and the lengths that positions show. Columns without names are called "1", "2", ....
-    Those of a bag are "elbow", "elbow.velocity" and "elbow.effort" of each joint:
+    Tabs, commas, semicolons or blanks separate columns; decimals may have commas. Units stand in
+    brackets or after an underline, as in "time_us" and "angle (deg)". Times may be dates, clock
+    times, or counted from 1970. Where they begin anew, another recording does. Rows with empty
+    cells, few rows that are none or come too late, and columns of text are left out.
+
+    Positions become angles: the pivot is the first marker if it rests, or the origin, or the centre
+    of the circle of the first bob. Rates are integrated; a steady rate and the mean angle count as
+    zero. What may mean two things is refused. `npend identify` prints how it understood a file, how
+    many rows it left out, and the lengths that positions show. Columns without names are called
+    "1", "2", .... Those of a bag are "elbow", "elbow.velocity" and "elbow.effort" of each joint:
     ``columns={"theta0": "shoulder", "theta1": "elbow"}, relative=True`` chooses two of them.
 
     Examples

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.identification.least_squares import CONVERGED, Solution, solve
 from npend_gym.identification.motion import MIN_ROWS, Motion
-from npend_gym.identification.parameters import FitModel
+from npend_gym.identification.parameters import OFFSET, FitModel
 from npend_gym.identification.regression import Smooth, regress, smooth
 from npend_gym.identification.shooting import Shooting
 from npend_gym.physics.substeps import MAX_ROTATION, default_substeps
@@ -203,6 +203,12 @@ class Stages:
         fit, reached = self.lengthen(parts, values, self.model.fixed(values), most)
         return fit if reached == self._durations(parts)[-1] else None
 
+    def with_offset(self) -> Stages:
+        """Return the same for angles that are off by a constant, which is fitted."""
+        free = self.model.free.copy()
+        free[OFFSET] = self.model.chain.gravity > 0.0  # without it no angle tells an offset
+        return Stages(self.motion, replace(self.model, free=free))
+
     def _durations(self, parts: Sequence[slice]) -> list[float]:
         """Return how long segments are in each stage [s]: twice as long each time."""
         times = self.motion.times
@@ -214,3 +220,17 @@ class Stages:
 
 def _rms(fit: Fit | None) -> float:
     return math.inf if fit is None else fit.solution.rms
+
+
+def split(blocks: Sequence[slice], share: float) -> tuple[list[slice], list[slice]]:
+    """Return which blocks are fitted and which are held out."""
+    held = hold_out(len(blocks), share)
+    return [rows for k, rows in enumerate(blocks) if k not in held], [blocks[k] for k in held]
+
+
+def hold_out(count: int, share: float) -> list[int]:
+    """Return which of `count` blocks are held out: evenly spaced, at least one of two."""
+    if share == 0.0 or count < 2:
+        return []
+    middles = (np.arange(math.floor(share * count + 0.5 + 1e-9)) + 0.5) / share
+    return (np.ceil(middles - 1e-9).astype(int) - 1).tolist() or [count - 1]

@@ -72,6 +72,13 @@ class Table:
     columns: list[Column]
     named: bool = True
     lost: int = 0  # lines among the rows that are none
+    text: tuple[str, ...] = ()  # names of columns that have no numbers
+
+    @property
+    def names(self) -> str:
+        """The names of its columns, for messages."""
+        texts = [f"{name} (text)" for name in self.text]
+        return ", ".join([*(column.name for column in self.columns), *texts])
 
 
 def read_table(path: Path) -> Table:
@@ -214,7 +221,7 @@ def _split(lines: Sequence[str], separator: str | None) -> Table | None:
     Columns of text are left out. So are the few lines among the rows that are none: a head that
     stands twice, or a last line that was cut.
     """
-    some = lines[len(lines) // 3 :: max(1, len(lines) // 60)]
+    some = lines[len(lines) // 2 :: max(1, len(lines) // 60)]
     sample = [_cells(line, separator) for line in some]
     width = statistics.mode(map(len, sample))
     typical = [list(cells) for cells in zip(*(c for c in sample if len(c) == width), strict=True)]
@@ -243,7 +250,9 @@ def _split(lines: Sequence[str], separator: str | None) -> Table | None:
         return Table("a table without names", unnamed, named=False, lost=lost)
     source = "a table of blanks" if heads[-1].lstrip()[:1] in _COMMENT else "a table"
     order = sorted(columns)
-    return _of_runs(source, [names[k] for k in order], [columns[k] for k in order], lost)
+    text = tuple(name for k, name in enumerate(names) if k not in columns)
+    found = _of_runs(source, [names[k] for k in order], [columns[k] for k in order])
+    return replace(found, lost=lost, text=text)
 
 
 def _names(lines: Sequence[str], width: int, separator: str | None) -> tuple[list[str], list[str]]:
@@ -274,9 +283,7 @@ def _names(lines: Sequence[str], width: int, separator: str | None) -> tuple[lis
 FORMATS: list[Callable[[str], Table | None]] = [_logger_pro, _tracker, _separated]
 
 
-def _of_runs(
-    source: str, names: Sequence[str], values: Sequence[FloatArray], lost: int = 0
-) -> Table:
+def _of_runs(source: str, names: Sequence[str], values: Sequence[FloatArray]) -> Table:
     """Return a table whose columns may be of several runs: Capstone, Graphical Analysis."""
     columns, sets = list[Column](), dict[str, int]()
     for name, column in zip(names, values, strict=True):
@@ -288,7 +295,7 @@ def _of_runs(
         columns.append(Column(name, column, sets[label]))
     if any(name.lower().startswith("gyroscope") for name in names):
         source = "phyphox"
-    return Table(source, columns, lost=lost)
+    return Table(source, columns)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
