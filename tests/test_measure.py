@@ -126,3 +126,9 @@ def test_a_gravity_that_is_not_the_earths_brings_a_warning_with_its_reasons():
         UserWarning, match=r"3\.92\d m/s\^2 follows from the length 0\.2 m.*by 1\.58"
     ):
         measure_swings(motion, length=0.2)
+
+
+def test_a_swing_of_minutes_brings_the_question_whether_times_are_in_seconds():
+    times, theta = recorded(0.5)
+    with pytest.warns(UserWarning, match=r"a swing lasts 1.42e\+03 s: are times in seconds"):
+        measure_swings(check_motion(1000.0 * times, theta))

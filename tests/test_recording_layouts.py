@@ -179,7 +179,7 @@ def test_the_cart_of_a_recording_of_another_program_is_read_as_one_that_moves(wr
         measure_swings(read.motion)
 
 
-def test_times_that_begin_anew_are_another_recording(written):
+def test_times_that_begin_again_are_another_recording(written):
     read = read_recording(written(PLAIN + PLAIN.replace("time,angle\n", "")))
     assert np.bincount(read.motion.piece).tolist() == [300, 300]
     assert "these are 2 recordings" in read.said[0]

@@ -177,7 +177,7 @@ def _of_run(
 def _in_order(
     times: FloatArray, full: NDArray[np.bool_], labels: FloatArray | None, said: list[str]
 ) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Return which rows to take, and their pieces: a recording that begins anew is another piece.
+    """Return which rows to take, and their pieces: where times begin again, another one does.
 
     Few rows that come too late, as of a sensor that reports twice, are left out.
     """
@@ -186,10 +186,10 @@ def _in_order(
     rows, labels = np.flatnonzero(full), np.zeros_like(times)
     back = np.flatnonzero(np.diff(times[rows]) < 0.0) + 1
     starts, ends = times[rows[np.r_[0, back]]], times[rows[np.r_[back, rows.size] - 1]]
-    anew = starts[1:] - starts[:-1] < _ANEW * (ends - starts)[:-1]
-    if back.size and anew.all() and np.diff(np.r_[0, back, rows.size]).min() >= MIN_ROWS:
+    again = starts[1:] - starts[:-1] < _ANEW * (ends - starts)[:-1]
+    if back.size and again.all() and np.diff(np.r_[0, back, rows.size]).min() >= MIN_ROWS:
         labels[rows] = np.searchsorted(back, np.arange(rows.size), side="right")
-        said.append(f"times begin anew {back.size} times: these are {starts.size} recordings")
+        said.append(f"times begin again {back.size} times: these are {starts.size} recordings")
         return full, labels
     latest = np.maximum.accumulate(np.r_[-np.inf, times[rows]])[:-1]
     late = times[rows] <= latest

@@ -75,8 +75,8 @@ def identify(
         "quadratic_drag", "armature", "length" (of all links but the last), "offset" (an angle of
         `theta` minus the true one); of the chain, "gravity". All named terms are fitted. By default
         inertia and lift, and as many of damping, friction, "quadratic_drag" and (with torques)
-        armature as the data support, and offsets below 20 degrees, with a warning, if they make
-        errors much smaller.
+        armature as the data support. Offsets below 20 degrees are fitted then, with a warning, if
+        they make errors much smaller.
     segment : float, optional
         Longest time [s] simulated from one initial state, which is fitted; at least 20 rows. By
         default four typical periods of the motion, or less if the motion is too sensitive.

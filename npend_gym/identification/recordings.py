@@ -103,12 +103,12 @@ def read_motion(
 
     Tabs, commas, semicolons or blanks separate columns; decimals may have commas. Units stand in
     brackets or after an underline, as in "time_us" and "angle (deg)". Times may be dates, clock
-    times, or counted from 1970. Where they begin anew, another recording does. Rows with empty
+    times, or counted from 1970. Where they begin again, another recording does. Rows with empty
     cells, few rows that are none or come too late, and columns of text are left out.
 
     Positions become angles: the pivot is the first marker if it rests, or the origin, or the centre
     of the circle of the first bob. Rates are integrated; a steady rate and the mean angle count as
-    zero. What may mean two things is refused. `npend identify` prints how it understood a file, how
+    zero. What may mean two things is an error. `npend identify` prints how it understood a file, how
     many rows it left out, and the lengths that positions show. Columns without names are called
     "1", "2", .... Those of a bag are "elbow", "elbow.velocity" and "elbow.effort" of each joint:
     ``columns={"theta0": "shoulder", "theta1": "elbow"}, relative=True`` chooses two of them.

@@ -18,6 +18,7 @@ from npend_gym.theory import pendulum_factor
 _HARMONICS = 1, 3, 5  # of a swing, beside a decay in proportion to time
 _DEGREES = math.pi / 180.0, 180.0 / math.pi  # times the angles: units that were mistaken
 _BETTER = 3.0  # times smaller is the error of a period from amplitudes in their own unit
+_QUICK, _SLOW = 0.05, 60.0  # s, of pendulums of 0.6 mm and 900 m
 _EARTH, _FAR = 9.81, 1.1  # m/s^2, and the factor from which on a measured one is doubted
 _LEAST = 4  # swings, which determine a period, a decay and the errors of both
 
@@ -148,6 +149,8 @@ def measure_swings(
     decay = -slope
     quality = math.pi / (decay * period) if decay > 0.0 else math.inf
     period /= 1.0 + 1.0 / (8.0 * quality**2)
+    if not _QUICK < period < _SLOW:
+        warn_caller(f"a swing lasts {period:.3g} s: are times in seconds? milliseconds seem longer")
     square = (2.0 * math.pi / period) ** 2
     found, found_error, long, long_error = math.nan, math.nan, math.nan, math.nan
     if length is not None:
