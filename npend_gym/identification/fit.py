@@ -75,8 +75,8 @@ def identify(
         "quadratic_drag", "armature", "length" (of all links but the last), "offset" (an angle of
         `theta` minus the true one); of the chain, "gravity". All named terms are fitted. By default
         inertia and lift, and as many of damping, friction, "quadratic_drag" and (with torques)
-        armature as the data support. Offsets below 20 degrees are fitted then, with a warning, if
-        they make errors much smaller.
+        armature as the data support. Offsets of free swings below 20 degrees are fitted then, with
+        a warning, if they make errors much smaller.
     segment : float, optional
         Longest time [s] simulated from one initial state, which is fitted; at least 20 rows. By
         default four typical periods of the motion, or less if the motion is too sensitive.
@@ -308,7 +308,8 @@ class FitProblem:
         training, held = split(blocks, self.held_out)
         longest = max(float(np.ptp(motion.times[rows])) for rows in training)
         fitted, duration = self._lengthen(training)
-        if self.open and fitted.scatter > DOUBTED * spread_of(motion):
+        doubted = fitted.scatter > DOUBTED * spread_of(motion)
+        if self.open and doubted and not motion.driven:  # errors of torques look like offsets
             fitted, duration = self._with_offset(training, fitted, duration)
         check_explained(motion, model, fitted, duration, longest)
         if duration < longest and self.held_out > 0.0:

@@ -108,8 +108,8 @@ def read_motion(
 
     Positions become angles: the pivot is the first marker if it rests, or the origin, or the centre
     of the circle of the first bob. Rates are integrated; a steady rate and the mean angle count as
-    zero. What may mean two things is an error. `npend identify` prints how it understood a file, how
-    many rows it left out, and the lengths that positions show. Columns without names are called
+    zero. What may mean two things is an error. `npend identify` prints how it understood a file,
+    how many rows it left out, and the lengths that positions show. Columns without names are called
     "1", "2", .... Those of a bag are "elbow", "elbow.velocity" and "elbow.effort" of each joint:
     ``columns={"theta0": "shoulder", "theta1": "elbow"}, relative=True`` chooses two of them.
 
