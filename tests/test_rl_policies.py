@@ -171,6 +171,18 @@ def test_a_policy_may_observe_one_number_of_each_rod(tmp_path):
     assert Policy.load(tmp_path / "angles.safetensors").env == env
 
 
+def test_a_policy_may_say_how_long_its_episodes_are(tmp_path):
+    policy = replace(small_policy(), env=small_policy().env | {"max_episode_steps": 7})
+    policy.save(tmp_path / "short.safetensors")
+    loaded = Policy.load(tmp_path / "short.safetensors")
+    assert loaded.config.n == small_policy().config.n
+    assert loaded.env == policy.env
+    envs = gym.make_vec("npend/SwingUp-v1", num_envs=1, **loaded.env)
+    assert envs.unwrapped.max_episode_steps == 7
+    with pytest.raises(ValueError, match="max_episode_steps must be"):
+        replace(policy, env=policy.env | {"max_episode_steps": 0})
+
+
 def test_policies_are_equal_where_their_numbers_and_their_environments_are(tmp_path):
     policy = small_policy()
     policy.save(str(tmp_path / "a.safetensors"))

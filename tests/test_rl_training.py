@@ -22,7 +22,7 @@ torch = pytest.importorskip("torch")
 from npend_gym.cli import main  # noqa: E402
 from npend_gym.rl.training import imitation, shac, trainer, trainer_names  # noqa: E402
 from npend_gym.rl.training.short_horizons import Collector, TensorTask  # noqa: E402
-from npend_gym.rl.training.tasks import env_around, env_of_task  # noqa: E402
+from npend_gym.rl.training.tasks import env_around, env_of_task, evaluation_env  # noqa: E402
 
 VALIDATION = 900_000
 
@@ -132,6 +132,12 @@ def test_words_at_the_end_of_a_task_combine():
     assert env_of_task("swingup-2-acrobot-smooth") == env_of_task("swingup-2-acrobot") | {
         "dt": 0.002
     }
+
+
+def test_episodes_of_short_steps_are_long_enough_to_succeed():
+    smooth, usual = env_of_task("swingup-2-acrobot-smooth"), env_of_task("swingup-2")
+    assert evaluation_env(smooth) == smooth | {"max_episode_steps": 5000}
+    assert evaluation_env(usual | {"max_episode_steps": 7}) == usual
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from npend_gym.rl.policies.files import Float32Array
 
 _MAX_OBSERVED = 1e7  # larger than any entry of an observation
 _MAX_SIGNAL = 1e38  # float32 holds up to 3.4e38
+_MAX_STEPS = 1_000_000  # of an episode
 _MIN_DT, _MAX_DT = 1e-4, 100.0  # s, of a step
 _MAX_WORK = 1_000_000  # rods times substeps in a step: some tenths of a second
 _MAX_ENTRIES = 64  # of a list that is not one number for each rod
@@ -127,6 +128,13 @@ def check_trust(env: dict[str, Any], *, trust: bool) -> None:
         )
 
 
+def of_config(env: dict[str, Any]) -> dict[str, Any]:
+    """Return the keywords without that of the length of episodes, which `EnvConfig` has not."""
+    if env.get("max_episode_steps") is not None:
+        _checks.count("max_episode_steps", env["max_episode_steps"], high=_MAX_STEPS)
+    return {name: value for name, value in env.items() if name != "max_episode_steps"}
+
+
 def check_env(env: dict[str, Any], observed: int, actions: int) -> None:
     """Raise an error for plain keywords that describe no environment for a policy of this size.
 
@@ -145,7 +153,7 @@ def check_env(env: dict[str, Any], observed: int, actions: int) -> None:
     for name in ("torque_levels", "goal_env"):
         if env.get(name):
             raise ValueError(f"{name} must be left out: a policy maps one array to torques")
-    config = EnvConfig(**env)
+    config = EnvConfig(**of_config(env))
     if (config.observed, config.joints.size) != (observed, actions):
         raise ValueError(
             f"the environment observes {config.observed} numbers and has {config.joints.size} "

@@ -23,6 +23,7 @@ from npend_gym.rl.policies.checks import (
     check_network,
     check_trust,
     dense_layers,
+    of_config,
 )
 from npend_gym.rl.policies.files import (
     CHECKSUM,
@@ -62,7 +63,7 @@ class Policy:
     weights : list of ndarray, float32, shapes (outputs, inputs)
     biases : list of ndarray, float32, shapes (outputs,)
     env : dict
-        Keywords of the environment that the policy is made for.
+        Keywords of the environment that the policy is made for; "max_episode_steps" may be one.
     provenance : dict
         How the policy was made: settings, versions, its evaluation.
     offset : ndarray, float32, shape of `scale`, optional
@@ -260,7 +261,7 @@ class Policy:
         """The settings of the environment that the policy is made for."""
         from npend_gym.envs.config import EnvConfig  # heavy
 
-        return EnvConfig(**self.env)
+        return EnvConfig(**of_config(self.env))
 
     def _scaled(self, observed: Float32Array) -> Float32Array:
         """Inputs of the network."""

@@ -13,8 +13,10 @@ from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_parameter, plain_keywords
 from npend_gym.envs.modes import MODES
+from npend_gym.envs.registration import MAX_EPISODE_STEPS
 from npend_gym.envs.registration import TASKS as REGISTERED
 from npend_gym.rl.evaluation.seeds import training_seed
+from npend_gym.rl.policies.checks import of_config
 from npend_gym.rl.policies.policy import Policy
 
 if TYPE_CHECKING:
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from npend_gym.envs import EnvConfig
 
 Curve = list[dict[str, Any]]  # the learning curve, a row for every few updates
+_LEAST_SECONDS = 10.0  # of an episode: a swing-up succeeds after standing for 5 s
 LEAST_SUCCESS = 0.1  # of the episodes that judge a policy; below it the training has failed
 
 
@@ -188,8 +191,12 @@ def policy_of(
 
 
 def evaluation_env(env: dict[str, Any]) -> dict[str, Any]:
-    """Return the keywords for evaluation: episodes have the environment's own length."""
-    return {name: value for name, value in env.items() if name != "max_episode_steps"}
+    """Return the keywords for evaluation: episodes have the environment's own length, or 10 s."""
+    from npend_gym.envs import EnvConfig
+
+    own = of_config(env)
+    steps = round(_LEAST_SECONDS / EnvConfig(**own).dt)
+    return own | ({"max_episode_steps": steps} if steps > MAX_EPISODE_STEPS else {})
 
 
 def made_by(algorithm: str, settings: Any, last: dict[str, Any]) -> dict[str, Any]:
