@@ -106,6 +106,16 @@ def test_without_knock_downs_the_chain_is_up_from_its_swing_up_on():
     np.testing.assert_allclose(up.uptime * 6.0, 6.01 - swung.swing_up_time, atol=0.011)
 
 
+@pytest.mark.parametrize(
+    ("name", "published"), [("swingup-2-pendubot", 0.682), ("swingup-2-acrobot", 0.655)]
+)
+def test_smooth_policies_are_ahead_of_the_best_published_performance(name, published):
+    policy = Policy.pretrained(f"{name}-smooth")
+    found = performance(policy, policy.env)
+    assert found.success.all()
+    assert found.score.mean() > published
+
+
 def test_knock_downs_cost_time_and_a_chain_that_never_rises_is_never_up():
     controller = lqr(EnvConfig(**STRONG), action_weight=10.0)
     up = recovery(controller, STRONG, episodes=3, seconds=20.0, resets=5)

@@ -122,7 +122,14 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
     "swingup-2-acrobot-smooth": _SMOOTH | _SMOOTH_ELBOW | {"rescuer": "swingup-2-acrobot"},
-    "swingup-2-pendubot-smooth": _SMOOTH | {"rescuer": "swingup-2-pendubot-recovery"},
+    "swingup-2-pendubot-smooth": _SMOOTH
+    | {
+        "rescuer": "swingup-2-pendubot-recovery",
+        "rounds": 12,
+        "knocked": 0.3,
+        "student_fraction": 0.25,
+        "standing": 1200,
+    },
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
     "swingup-5-robust": _FIVE,
