@@ -60,7 +60,7 @@ def plans():
 
 
 def test_a_share_of_the_episodes_starts_after_a_knock_down():
-    dagger = dagger_of(knocked=0.5, num_envs=256)
+    dagger = dagger_of(disturbed=0.5, num_envs=256)
     _, starts = dagger.starts(np.random.default_rng(0))
     spread = dagger.lanes.config.spread
     hangs = (np.abs(starts["theta"]) <= spread) & (np.abs(starts["omega"]) <= spread)
@@ -534,8 +534,8 @@ def test_a_rescuer_that_does_not_fit_is_refused_before_anything_is_planned(
     for fitting in ("swingup-2-robust", "swingup-2-acrobot-robust", "swingup-2-pendubot-robust"):
         with pytest.raises(NameError):
             imitation.train(imitation.settings_of(fitting))
-    with pytest.raises(ValueError, match="knocked must be 0 without a rescuer"):
-        imitation.train(imitation.settings_of("swingup-2", knocked=0.5))
+    with pytest.raises(ValueError, match="disturbed must be 0 without a rescuer"):
+        imitation.train(imitation.settings_of("swingup-2", disturbed=0.5))
     for name in ("student_fraction", "kept"):
         with pytest.raises(ValueError, match=f"{name} must be"):
             imitation.train(imitation.settings_of("swingup-1", **{name: 0.0}))

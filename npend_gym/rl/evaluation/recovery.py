@@ -90,9 +90,9 @@ class KnockDowns:
     """For short times, motors at all joints turn them to random angles, in place of the controller.
 
     The controller that does so, a `Turner`, knows the exact state. Each knock-down lasts for
-    `rule.seconds`. One begins early where a joint is beyond the limits of the rule, and then all
-    later ones wait for the time since the one before. `steps` of `step` seconds are called in
-    their order.
+    `rule.seconds`. One begins early where a joint is beyond the limits of the rule. All later ones
+    then wait for the time since the one before. `steps` of `step` seconds are called in their
+    order.
     """
 
     def __init__(
@@ -252,7 +252,10 @@ def recovery(
     0.8
     """
     _checks.count("seed", seed, low=0)
-    count, chosen = _checks.count("episodes", episodes), RULES[_checks.choice("rule", rule, RULES)]
+    count, chosen = (
+        _checks.count("episodes", episodes),
+        RULES[_checks.choice("rule", rule, tuple(RULES))],
+    )
     times = chosen.resets if resets is None else _checks.count("resets", resets, low=0)
     nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)

@@ -102,9 +102,9 @@ class DAgger:
             self.optimizer = Optimizer(self.learner, *rates)
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
         self.failed: FloatArray = np.ones(len(expert.pairs))  # share of the episodes, lately
-        self.knocked = np.zeros((0, config.state_size))  # states to start from
-        if settings.knocked > 0.0:
-            self.knocked: FloatArray = knocked_down(config, np.random.default_rng(settings.seed))
+        self.down = np.zeros((0, config.state_size))  # states to start from
+        if settings.disturbed > 0.0:
+            self.down: FloatArray = knocked_down(config, np.random.default_rng(settings.seed))
         self.updates: int = 0  # so far
         self.distance = math.inf  # of the learner's actions from the expert's, in `learn`
 
@@ -174,18 +174,16 @@ class DAgger:
         """Return the pair of equilibria of each lane, with the options of `reset` that say so.
 
         Pairs are drawn more often where the student failed more often. Without goals there are
-        none, but with `knocked` there are states to start from.
+        none, but with `disturbed` there are states to start from.
         """
         pairs, size = self.expert.pairs, self.settings.num_envs
-        if len(pairs) == 0 and len(self.knocked) == 0:
+        if len(pairs) == 0 and len(self.down) == 0:
             return np.zeros(0, np.int64), {}
         if len(pairs) == 0:
             config = self.lanes.config
             hanging = rng.uniform(-config.spread, config.spread, (size, config.state_size))
-            down = (rng.random(size) < self.settings.knocked)[:, None]
-            states = np.where(
-                down, self.knocked[rng.integers(len(self.knocked), size=size)], hanging
-            )
+            down = (rng.random(size) < self.settings.disturbed)[:, None]
+            states = np.where(down, self.down[rng.integers(len(self.down), size=size)], hanging)
             theta, omega = np.split(states, 2, axis=1)
             return np.zeros(0, np.int64), {"theta": theta, "omega": omega}
         share = _EVEN / len(pairs) + (1.0 - _EVEN) * self.failed / self.failed.sum()
@@ -299,7 +297,7 @@ def train(
         _checks.count("plan_seed", settings.plan_seed, low=0)
     for name in ("student_fraction", "kept", "lost"):
         _checks.positive_number(name, getattr(settings, name))
-    for name in ("student_fraction", "expert_fraction", "kept", "knocked"):
+    for name in ("student_fraction", "expert_fraction", "kept", "disturbed"):
         if getattr(settings, name) > 1.0:
             raise ValueError(f"{name} must be at most 1, got {getattr(settings, name)}")
     if settings.rescuer and not isinstance(config.mode, SwingUp):
@@ -307,10 +305,10 @@ def train(
             f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '
             f'got "{settings.rescuer}"'
         )
-    if settings.knocked > 0.0 and (not settings.rescuer or config.has_cart):
+    if settings.disturbed > 0.0 and (not settings.rescuer or config.has_cart):
         raise ValueError(
-            "knocked must be 0 without a rescuer, and on a cart, which no knock-down moves; got "
-            f"{settings.knocked}"
+            "disturbed must be 0 without a rescuer, and on a cart, which no knock-down moves; got "
+            f"{settings.disturbed}"
         )
     if settings.rescuer not in ("", "mpc"):
         rescuing_policy(settings.rescuer, config)

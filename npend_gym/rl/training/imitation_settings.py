@@ -23,7 +23,7 @@ class Settings(TrainingSettings):
     variants: int = 0  # of a plan that are tried, to keep what errors lead less astray from
     error_weight: float = 0.0  # of slightly wrong chains, and of lags, where plans are compared
     rescuer: str = ""  # acts where an expert has lost the chain: a policy or its file, or "mpc"
-    knocked: float = 0.0  # share of the episodes that start after a knock-down, with a rescuer
+    disturbed: float = 0.0  # share of the episodes that start after a knock-down, with a rescuer
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     chain_factors: int = 4  # below 1 and above, of each parameter of a rod that may be wrong
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
@@ -92,7 +92,7 @@ _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
 # Plans that RealAIGym's performance scores well; each step of the environment changes the torque
 _SMOOTH: dict[str, Any] = {
     "seconds": 2.0, "plan_guess": "waves", "plan_seed": 1, "guesses": 1, "speed_weight": 0.045,
-    "change_weight": 0.1, "rounds": 20, "num_envs": 128, "knocked": 0.5, "noise_std": 0.3,
+    "change_weight": 0.1, "rounds": 20, "num_envs": 128, "disturbed": 0.5, "noise_std": 0.3,
     "student_fraction": 0.35, "standing": 300, "kept": 0.15, "averaging": 0.998, "hidden": 128,
     "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
@@ -126,7 +126,7 @@ TASKS: dict[str, dict[str, Any]] = {
     | {
         "rescuer": "swingup-2-pendubot-recovery",
         "rounds": 12,
-        "knocked": 0.3,
+        "disturbed": 0.3,
         "student_fraction": 0.25,
         "standing": 1200,
     },
