@@ -55,10 +55,12 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100, help="held-out ones of each length")
     arguments = parser.parse_args()
     torch.set_num_threads(1)  # two are slower for networks this small
-    model = train(arguments.steps, arguments.seed)
+    model, met = train(arguments.steps, arguments.seed), 0
     for n in LENGTHS:
         found = evaluate(model, make(n, 1, steps=1000), episodes=arguments.episodes)
+        met += int(found.success.sum())
         print(f"n = {n}: success {found.success.sum()}/{found.success.size}")
+    print(f"all: success {met}/{len(LENGTHS) * arguments.episodes}")
 
 
 if __name__ == "__main__":

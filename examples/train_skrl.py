@@ -57,7 +57,7 @@ def main() -> None:
     """Train one policy and evaluate it in held-out episodes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=10_240, help="environment steps in total")
+    parser.add_argument("--steps", type=int, default=20_480, help="environment steps in total")
     arguments = parser.parse_args()
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(arguments.seed)

@@ -73,6 +73,8 @@ ELSEWHERE = {  # why a command is not run here
     "train_tianshou": "Tianshou, too",
     "npend dataset": "Minari, too",
     "clone_behaviour": "Minari, too",
+    "offline_iql": "Minari, too",
+    "benchmarks/recipes.py": "training that takes hours; tests/test_rl_examples.py runs a part",
     "--address": "it needs a cluster",
     "--only gpu": "it needs a GPU",
     "paper --out results": "its findings are tested one by one, and take long together",

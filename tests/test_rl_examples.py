@@ -449,6 +449,40 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
+def test_recipes_are_run_once_for_each_seed_and_their_rates_published(call, tmp_path, monkeypatch):
+    recipes = imported("recipes")
+    blocks = "```python\nrng = default_rng(0)\n```\n\n```python\nplay(seed=0, n=0)\n```\n"
+    (tmp_path / "page.md").write_text(f"# A page\n\n## Train\n\n{blocks}\n## Film\n\n{blocks}")
+    code = recipes.code_of(f"{tmp_path}/page.md#Train", 5)
+    assert code.endswith("\nrng = default_rng(5)\nplay(seed=5, n=0)\n")
+    given = {"cheap": "echo 'success  9{seed}/100'", "dear": "npend train swingup-9 --seed {seed}"}
+    monkeypatch.setattr(recipes, "RECIPES", given)
+    monkeypatch.setattr(recipes, "CSV", tmp_path / "rows.csv")
+    monkeypatch.setattr(recipes, "PAGE", tmp_path / "rates.md")
+    (tmp_path / "rates.md").write_text(f"before\n\n{recipes.HEAD}| old |\n\nafter\n")
+    arguments = ["--out", tmp_path / "runs", "--recipes", "cheap", "--seeds", 4, 6, "--publish"]
+    call(recipes, *arguments)
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()}
+    call(recipes, *arguments)
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()} == kept
+    assert len(kept) == 2
+    text = (tmp_path / "rates.md").read_text()
+    assert "/100'` | 1 of 2 | 94% | 0 s |\n" in text
+    assert text.endswith("| `npend train swingup-9` | not run | | |\n\nafter\n")
+    assert recipes.success_in("{'success': 0.98, 'return': 9}") == 0.98
+    assert recipes.success_in("after 9 of 20: none\nbrought to rest: 20%") == 0.2
+    assert recipes.success_in("64 of 64 stay up") == 1.0
+    with pytest.raises(ValueError, match="must print its success"):
+        recipes.success_in("nothing")
+
+
+def test_the_table_of_recipes_in_the_notes_is_that_of_the_recorded_runs():
+    from recipes import CSV, PAGE, table
+
+    with CSV.open() as file:
+        assert table(list(csv.DictReader(file))) in PAGE.read_text("utf-8")
+
+
 def test_results_without_a_trained_policy_have_a_table_and_no_curves(
     algorithms, call, tmp_path, monkeypatch
 ):
@@ -557,6 +591,15 @@ def test_ppo_of_another_library_brings_a_rod_to_rest(library, tmp_path):
     pytest.importorskip(library)
     out = run_python("-W", "ignore", EXAMPLES / f"train_{library}.py", cwd=tmp_path)
     assert out.splitlines()[-1] == "brought to rest: 100%"
+
+
+@pytest.mark.long
+def test_one_network_learns_chains_of_several_lengths(script):
+    pytest.importorskip("stable_baselines3")
+    printed = script("train_many_n.py", "--steps", 8192, "--episodes", 3)
+    rows = re.findall(r"n = (\d): success (\d)/3", printed)
+    assert [n for n, _ in rows] == ["1", "2", "3", "4"]
+    assert printed.endswith(f"all: success {sum(int(met) for _, met in rows)}/12\n")
 
 
 @pytest.mark.long
