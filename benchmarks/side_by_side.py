@@ -20,7 +20,7 @@ import argparse
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from itertools import product
 from pathlib import Path
@@ -80,12 +80,12 @@ class Curve:
         self.clock = Stopwatch()
         self.rows: list[tuple[float, ...]] = []
 
-    def add(self, steps: int, model: Any, *, last: bool = False) -> None:
-        """Evaluate a model where one is due; the clock stands still meanwhile."""
+    def add(self, steps: int, model: Callable[[], Any], *, last: bool = False) -> None:
+        """Evaluate what `model` returns where it is due; the clock stands still meanwhile."""
         due = steps >= (len(self.rows) + 1) * self.steps / EVALUATIONS
         if last or (due and steps < self.steps):
             seconds = self.clock.seconds
-            found = evaluate(plain(model), self.env, episodes=EPISODES, seed=VALIDATION)
+            found = evaluate(plain(model()), self.env, episodes=EPISODES, seed=VALIDATION)
             mean = round(float(found.returns.mean()), 2)
             self.rows.append((steps, round(seconds, 2), mean, found.success_rate))
             self.clock.seconds = seconds
@@ -107,11 +107,11 @@ class Calls(BaseCallback):
         self.curve = curve
 
     def _on_step(self) -> bool:
-        self.curve.add(self.num_timesteps, self.model)
+        self.curve.add(self.num_timesteps, lambda: self.model)
         return True
 
     def _on_training_end(self) -> None:
-        self.curve.add(self.num_timesteps, self.model, last=True)
+        self.curve.add(self.num_timesteps, lambda: self.model, last=True)
 
 
 class Rounds(Checkpoint):
@@ -130,7 +130,7 @@ class Rounds(Checkpoint):
         for round_ in super().rounds(parts, last, *args, **options):
             yield round_
             steps = (round_ + earlier) * self.of_round
-            self.curve.add(steps, learner.policy({}), last=round_ == last)
+            self.curve.add(steps, lambda: learner.policy({}), last=round_ == last)
 
 
 def by_ours(chosen: dict[str, Any], curve: Curve, seed: int) -> Policy:
