@@ -96,7 +96,7 @@ def of_role(ours: str, column: Column) -> Meant:
 
 
 def meaning(column: Column) -> Meant | None:
-    """Return what a column is by its name; None if that says nothing."""
+    """Return the meaning of a column by its name; None if that says nothing."""
     if column.role:
         return of_role(column.role, column)
     found = RUN.match(column.name)

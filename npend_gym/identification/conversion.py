@@ -91,7 +91,7 @@ def understood(
 
 
 def _guessed(columns: Sequence[Column], *, frames: bool) -> list[Meant]:
-    """Return what columns without names are, where it shows."""
+    """Return the meanings of columns without names, where they show."""
     values = [column.values for column in columns]
     if frames and len(columns) in (2, 4, 6, 8):
         return [Meant("xy"[k % 2], k // 2, "", one) for k, one in enumerate(columns)]
