@@ -264,6 +264,19 @@ def test_a_controller_in_a_plugin_is_refused():
         from_mjcf(text)
 
 
+def test_an_elastic_body_is_refused():
+    """MuJoCo 3 brings a plugin that acts on bodies, a cable; MuJoCo 4 brings none."""
+    plugins = [*(Path(mujoco.__file__).parent / "plugin").glob("*elasticity*")]
+    if not plugins:
+        pytest.skip("this MuJoCo has no plugin of bodies")
+    mujoco.mj_loadPluginLibrary(str(plugins[0]))
+    cable = '<plugin plugin="mujoco.elasticity.cable"/>'
+    text = ARM.replace("<worldbody>", f"<extension>{cable}</extension><worldbody>")
+    text = text.replace('<joint name="elbow"', f'{cable}<joint name="elbow"')
+    with pytest.raises(ValueError, match="body 'b' must have no plugin"):
+        from_mjcf(text)
+
+
 def test_what_does_not_act_is_no_reason_to_refuse():
     servo = ARM.replace("<motor joint", '<position kp="3" joint').replace(
         'contact="disable"', 'contact="disable" actuation="disable"'
