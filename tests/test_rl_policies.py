@@ -220,7 +220,9 @@ def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
     "name",
     [
         # kernels of links take long to compile
-        pytest.param(name, marks=pytest.mark.long) if name.endswith(("pendubot", "smooth")) else name
+        pytest.param(name, marks=pytest.mark.long)
+        if name.endswith(("pendubot", "smooth"))
+        else name
         for name in pretrained_names()
     ],
 )
