@@ -1,4 +1,4 @@
-"""Evolution strategies: a linear policy from the returns of whole episodes, without gradients.
+"""Evolution strategies: a small policy from the returns of whole episodes, without gradients.
 
 Run it with `python examples/evolution_strategies.py calm-20`: it writes `calm-20.safetensors`, a
 policy of plain numbers for `npend evaluate`, and `calm-20.csv`, its learning curve. It is also a
@@ -9,8 +9,13 @@ vector environment.
 
 A long chain is slow and its motor is strong. Noise that is new in every step whips the
 rods and hides what an action does to the energy seconds later; noise on the weights of the policy
-stays the same for a whole episode. The mirror image of a chain needs the opposite action, so the
-weights of the cosines stay zero: that is a third fewer to find, and no torque remains at rest.
+stays the same for a whole episode. Three things leave fewer numbers to find:
+
+- The mirror image of a chain needs the opposite action, so the weights of the cosines stay zero.
+- Weights vary smoothly along the chain: a cubic polynomial, and a weight of its own for the first
+  rod.
+- Two units add up, each with a limit that is found too. Large swings need a weak motor that does
+  not whip the chain, small ones a strong response.
 """
 
 from __future__ import annotations
@@ -21,7 +26,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from npend_gym.envs import EnvConfig
 from npend_gym.report import write_csv
@@ -42,10 +49,12 @@ from npend_gym.rl.training import (
 FloatArray, BoolArray = NDArray[np.float64], NDArray[np.bool_]
 SCRIPT = "examples/evolution_strategies.py"  # named in the record of a policy
 TASKS: dict[str, dict[str, Any]] = {
-    "calm-5": {},
-    "calm-10": {},
-    "calm-20": {"updates": 80, "noise_std": 0.01, "learning_rate": 0.01},
+    "calm-5": {"num_steps": 400},
+    "calm-10": {"num_steps": 500},
+    "calm-20": {"updates": 160, "num_steps": 800, "noise_std": 0.007, "learning_rate": 0.01},
 }
+LIMITS = np.array([0.1, 0.5])  # of the units at first, over the motor's
+DEGREE, STEEP = 3, 10.0  # of the polynomial; how much faster logarithms of limits change
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,7 @@ class Settings(TrainingSettings):
     updates: int = 60
     pairs: int = 32  # of candidates in an update, with opposite noise
     num_steps: int = 1000  # of an episode
-    noise_std: float = 0.02  # on the candidates' weights
+    noise_std: float = 0.02  # on the candidates' parameters
     learning_rate: float = 0.02  # Adam's, falls linearly to zero
 
 
@@ -64,35 +73,53 @@ def settings_of(task: str, **changes: Any) -> Settings:
     return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
 
 
-class Search:
-    """A linear policy that follows the returns of candidates near it."""
+def smooth(config: EnvConfig) -> FloatArray:
+    """Return rows of weights that the weights of a unit are a sum of, (parameters, inputs)."""
+    n, degree = config.n, min(DEGREE, config.n - 1)
+    rows = [np.eye(n)[:1], legendre.legvander(np.linspace(-1.0, 1.0, n), degree).T]
+    of_rods = np.linalg.qr(np.concatenate(rows).T)[0].T
+    of_speeds = [of_rods] * config.observe_velocities
+    rest = np.eye(config.observed - (2 + len(of_speeds)) * n)  # what a cart adds is odd too
+    return block_diag(np.hstack([of_rods, np.zeros_like(of_rods)]), *of_speeds, rest)
 
-    changes = ("rng", "weights", "moments")
+
+class Search:
+    """A policy that follows the returns of candidates near it."""
+
+    changes = ("rng", "parameters", "moments")
 
     def __init__(self, settings: Settings, config: EnvConfig) -> None:
         self.settings, self.rng = settings, np.random.default_rng(settings.seed)
-        count, inputs = settings.updates + 1, config.observed
+        count = settings.updates + 1
         # that of an update is the same for all candidates
         self.seeds = episode_seeds("training", count, run=settings.seed, spacing=1000)
-        self.weights = np.zeros(inputs)
-        self.moments = np.zeros((2, inputs))  # of Adam
-        self.odd = np.ones(inputs)  # sines, cosines, speeds; what a cart adds is odd too
-        self.odd[config.n : 2 * config.n] = 0.0
+        self.basis = smooth(config)
+        # of each unit: of the rows of `basis`, then the logarithm of its limit over `STEEP`
+        self.parameters = np.zeros((len(LIMITS), len(self.basis) + 1))
+        self.moments = np.zeros((2, *self.parameters.shape))  # of Adam
+
+    def units(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return weights (..., units, inputs) and limits (..., units) of parameters."""
+        limits = LIMITS * np.exp(STEEP * parameters[..., -1])
+        return parameters[..., :-1] @ self.basis, limits
 
     def update(self, envs: Any, update: int) -> tuple[FloatArray, BoolArray]:
         """Improve the policy; return the returns and successes of the candidates."""
         settings = self.settings
-        noise = self.odd * self.rng.normal(size=(settings.pairs, self.weights.size))
-        candidates = self.weights + settings.noise_std * np.concatenate([noise, -noise])
-        returns, success = play(envs, candidates, settings.num_steps, self.seeds[update])
+        noise = self.rng.normal(size=(settings.pairs, *self.parameters.shape))
+        candidates = self.parameters + settings.noise_std * np.concatenate([noise, -noise])
+        returns, success = play(
+            envs, *self.units(candidates), settings.num_steps, self.seeds[update]
+        )
         ranks = returns.argsort().argsort() / (returns.size - 1)
-        gradient = (ranks[: settings.pairs] - ranks[settings.pairs :]) @ noise / settings.pairs
+        better = ranks[: settings.pairs] - ranks[settings.pairs :]
+        gradient = np.tensordot(better, noise, 1) / settings.pairs
         first_moment, second_moment = self.moments
         first_moment[:] = 0.9 * first_moment + 0.1 * gradient
         second_moment[:] = 0.99 * second_moment + 0.01 * gradient**2
         mean, square = first_moment / (1.0 - 0.9**update), second_moment / (1.0 - 0.99**update)
         learning_rate = settings.learning_rate * (1.0 - (update - 1) / settings.updates)
-        self.weights += learning_rate * (mean / (np.sqrt(square) + 1e-8))
+        self.parameters += learning_rate * (mean / (np.sqrt(square) + 1e-8))
         return returns, success
 
 
@@ -125,27 +152,35 @@ def train(
                 "std": settings.noise_std,
             })  # fmt: skip
     envs.close()
-    return policy_of(search.weights, settings, curve[-1]), curve
+    return policy_of(*search.units(search.parameters), settings, curve[-1]), curve
 
 
-def play(envs: Any, weights: FloatArray, steps: int, seed: int) -> tuple[FloatArray, BoolArray]:
-    """Play an episode with each candidate; return the returns and successes, (candidates,)."""
+def play(
+    envs: Any, weights: FloatArray, limits: FloatArray, steps: int, seed: int
+) -> tuple[FloatArray, BoolArray]:
+    """Play an episode with each candidate; return the returns and successes, (candidates,).
+
+    Candidates have weights (candidates, units, inputs) and limits (candidates, units).
+    """
     observation, info = envs.reset(seed=[seed] * len(weights))
     returns, lasts = np.zeros(len(weights)), np.ones(len(weights), np.bool_)
     for _ in range(steps):
-        action = np.einsum("bk,bk->b", observation, weights).clip(-1.0, 1.0)
+        signals = np.einsum("bk,bjk->bj", observation, weights)
+        action = (limits * np.tanh(signals / limits)).sum(axis=1).clip(-1.0, 1.0)
         observation, reward, terminated, _, info = envs.step(action[:, None])
         returns += np.where(lasts, reward, 0.0)
         lasts &= ~terminated  # another episode begins after it
     return returns, info["success"] & lasts
 
 
-def policy_of(weights: FloatArray, settings: Settings, last: dict[str, Any]) -> Policy:
-    """Return the linear policy as plain arrays, with what made it."""
+def policy_of(
+    weights: FloatArray, limits: FloatArray, settings: Settings, last: dict[str, Any]
+) -> Policy:
+    """Return the units as a network of plain arrays, with what made it."""
     return Policy(
-        scale=np.ones(weights.size, np.float32),
-        weights=[weights[None].astype(np.float32)],
-        biases=[np.zeros(1, np.float32)],
+        scale=np.ones(weights.shape[1], np.float32),
+        weights=[np.float32(weights / limits[:, None]), np.float32(limits[None])],
+        biases=[np.zeros(len(limits), np.float32), np.zeros(1, np.float32)],
         env=evaluation_env(settings.env),
         provenance=made_by(SCRIPT, settings, last),
     )

@@ -161,9 +161,10 @@ def test_evolution_strategies_find_a_policy_that_calms_better_than_no_torque():
     from evolution_strategies import settings_of, train
 
     policy, curve = train(settings_of("calm-2", updates=20))
-    assert [weight.shape for weight in policy.weights] == [(1, 6)]
+    assert [weight.shape for weight in policy.weights] == [(2, 6), (1, 2)]
     assert [row["steps"] for row in curve] == [640_000, 1_280_000]
-    idle = Policy(policy.scale, [0.0 * policy.weights[0]], policy.biases)
+    first, last = policy.weights
+    idle = Policy(policy.scale, [0.0 * first, last], policy.biases)
     trained, untrained = (evaluate(each, policy.env, episodes=10) for each in (policy, idle))
     assert trained.returns.mean() > 2.0 * untrained.returns.mean()
     assert trained.success_rate == 1.0 > untrained.success_rate
@@ -173,7 +174,7 @@ def test_evolution_strategies_count_an_episode_until_it_is_terminated():
     from evolution_strategies import play, settings_of
 
     envs = gym.make_vec("NPendulum-v0", 2, **settings_of("balance-1").env)
-    returns, success = play(envs, np.zeros((2, 3)), 600, seed=3)
+    returns, success = play(envs, np.zeros((2, 1, 3)), np.ones((2, 1)), 600, seed=3)
     envs.reset(seed=[3, 3])
     expected, terminated = 0.0, np.zeros(2, bool)
     while not terminated.any():
