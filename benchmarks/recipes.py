@@ -181,7 +181,7 @@ def main() -> None:
         rows.sort(key=lambda row: (order.index(row["recipe"]), int(row["seed"])))
         write_csv(CSV, rows)
         publish_table(PAGE, HEAD, table(rows))
-    print(table(rows))
+    print("".join(line for line in table(rows).splitlines(True) if "not run" not in line))
 
 
 if __name__ == "__main__":

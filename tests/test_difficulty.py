@@ -70,6 +70,11 @@ def test_tensors_have_the_starts_and_torques_of_the_options():
         action = torch.full((2, 1), 0.9 * (-1.0) ** (k // 2), dtype=torch.float64)
         observation = tensors.step(action)[0]
     assert np.allclose(observation, shown[-1], atol=1e-6)
+    tensors.set_options({"spread": 0.0, "max_torque": 1.0})
+    assert not tensors.reset()[0].any()
+    envs.reset(options={"spread": 0.0, "max_torque": 1.0})
+    moved = envs.step(np.ones((2, 1)))[0]
+    assert np.allclose(tensors.step(torch.ones_like(action))[0], moved, atol=1e-6)
 
 
 def test_a_mode_of_the_users_own_starts_with_the_options():
@@ -196,6 +201,19 @@ def test_the_episodes_of_a_level_alone_count_in_a_vector_environment(mode):
     assert of[2][0] == 0
     assert all(levels == sorted(levels) and levels[-1] == 1 for levels in of.values())
     assert [*envs.outcomes] == [False, False]
+
+
+def test_stable_baselines3_has_the_levels_of_a_curriculum():
+    pytest.importorskip("stable_baselines3")
+    from npend_gym.rl import SB3VecEnv
+
+    envs = balancing(2, autoreset_mode="SAME_STEP")
+    envs = VectorCurriculum(envs, LEVELS, threshold=1.0, episodes=2)
+    venv, still = SB3VecEnv(envs, info_keys=("level",)), np.zeros((2, 1))
+    venv.reset()
+    seen = [[info["level"] for info in venv.step(still)[-1]] for _ in range(100)]
+    assert seen[0] == [0, 0]
+    assert seen[-1] == [1, 1]
 
 
 def test_curricula_say_what_is_wrong():

@@ -185,4 +185,10 @@ def test_behaviour_is_cloned_from_a_minari_dataset(tmp_path, monkeypatch, capsys
         printed = run_script(examples / "clone_behaviour.py", dataset.id, 20, cwd=tmp_path)
         returns[kind] = float(printed.split("return ")[1])
     assert returns["medium"] > 300.0 > returns["random"]
+    pytest.importorskip("torchrl")
+    names = [f"npend/swingup-2/{kind}-v0" for kind in returns]
+    printed = run_script(examples / "offline_iql.py", *names, "--updates", 100, cwd=tmp_path)
+    rewards = [each.rewards.sum() for name in names for each in minari.load_dataset(name)]
+    assert f"(data {np.mean(rewards):.0f}), success 0/100" in printed
+    assert Policy.load(tmp_path / "offline.safetensors").weights[0].shape == (128, 6)
     assert Policy.load(tmp_path / "cloned.safetensors").env["n"] == 2
