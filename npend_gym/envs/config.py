@@ -15,7 +15,7 @@ from typing_extensions import Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain, ChainParameters
+from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain
 from npend_gym.envs.goals import check_goal_env, goal_space
 from npend_gym.envs.keywords import (
     DEFAULTS,
@@ -32,18 +32,16 @@ from npend_gym.envs.keywords import (
     width_of_starts,
     with_config_keywords,
 )
-from npend_gym.envs.modes import Mode, find_mode
+from npend_gym.envs.limits import check_limits, check_seconds, substeps_of_step
+from npend_gym.envs.modes import find_mode
 from npend_gym.envs.randomization import Randomization, check_randomize
 from npend_gym.envs.rows import MAX_CART_ENTRY, Task
 from npend_gym.envs.settings import (
     DRAWN,
-    ERRORS_OF_MOTORS,
-    FIELDS,
     HARDWARE,
     OF_CART,
     OF_SENSORS,
     RULES,
-    Limit,
     Settings,
     angle,
 )
@@ -51,15 +49,10 @@ from npend_gym.envs.values import CartOnRail, Motors, Sensors, unfolded
 from npend_gym.physics.energy import sincos
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import (
-    MAX_ROTATION,
-    MAX_SUBSTEPS,
     chain_of,
-    default_substeps,
-    substeps_on_cart,
 )
 
 MAX_SCALED_SPEED = 2.0  # of the observation "scaled", whose faster rods are clipped
-_OF_TORQUES = ("torque_noise", "torque_ripple")  # which the force on a cart has not
 
 
 @with_config_keywords
@@ -144,16 +137,16 @@ class EnvConfig(Settings):
         if "amplitude" in random.names:
             angle("amplitude", max(random.ends("amplitude", 0.0), key=abs))
         motors = sum(joint < chain.n for joint in joints)
-        _check_limits(largest, mode, given["dt"], motors)
+        check_limits(largest, mode, given["dt"], motors)
         if on_cart and motors == 0 and "max_torque" in random.names:
             raise ValueError(
                 "randomize must leave out 'max_torque' where no joint has a motor; 'max_force' is "
                 "that of the cart, and actuated=(0,) gives a motor to the joint on it"
             )
-        substeps, max_rotation = _substeps(given["substeps"], given["dt"], random, given)
+        substeps, max_rotation = substeps_of_step(given["substeps"], given["dt"], random, given)
         if joints:
             for name, seconds in (("dt", given["dt"]), ("motor_lag", largest["motor_lag"])):
-                _check_seconds(name, seconds, chain)
+                check_seconds(name, seconds, chain)
         check_success(mode, given["reward_type"])
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
         given["difficulty"] = None  # the limits have it
@@ -173,18 +166,17 @@ class EnvConfig(Settings):
     @property
     def motors(self) -> Motors:
         """The settings of the motors as one value."""
-        return Motors(**{each.name: getattr(self, each.name) for each in fields(Motors)})
+        return Motors.of(self)
 
     @property
     def sensors(self) -> Sensors:
         """The settings of the sensors as one value."""
-        return Sensors(**{each.name: getattr(self, each.name) for each in fields(Sensors)})
+        return Sensors.of(self)
 
     @property
     def cart(self) -> CartOnRail | None:
         """The settings of the cart as one value; None without one."""
-        own = {each.name: getattr(self, each.name) for each in fields(CartOnRail)}
-        return CartOnRail(**own) if self.has_cart else None
+        return CartOnRail.of(self) if self.has_cart else None
 
     @property
     def n(self) -> int:
@@ -340,74 +332,6 @@ def task_numbers(
         | more
     )
     return np.array([task.get(name, 0.0) for name in Task._fields], np.float64)
-
-
-def _check_seconds(name: str, seconds: float, chain: Chain) -> None:
-    """Raise a ValueError for a time in which motors miss a swing: it may be in milliseconds."""
-    if seconds >= 1.0 and chain.gravity > 0.0:
-        most = math.pi * math.sqrt(chain.total_length / chain.gravity)
-        if seconds > most:
-            raise ValueError(
-                f"{name} must be at most {most:.3g} s, half the period of a pendulum of the "
-                "chain's length, so that motors act twice in a swing; "
-                f"got {seconds:g} s: {seconds:g} ms are {seconds / 1000.0:g} s"
-            )
-
-
-def _check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: int) -> None:
-    """Raise a ValueError that names the first setting beyond its limit, for `joints` with a motor.
-
-    `largest` has the settings, or the upper ends of their ranges where they are random.
-    """
-    often = Limit(1.0 / dt, "1/s, one a step; make dt smaller for more")
-    for name in HARDWARE:
-        limit = often if name == "push_rate" else FIELDS[name].metadata["limit"]
-        if limit is not None and largest[name] > limit.value:
-            raise ValueError(
-                f"{name} must be at most {limit.value:g} {limit.why}; got {largest[name]:g}"
-            )
-    if (largest["push_rate"] > 0.0) != (largest["push_force"] > 0.0):
-        raise ValueError(
-            "push_rate and push_force must be given together, because a push needs both; got "
-            f"push_rate={largest['push_rate']:g} and push_force={largest['push_force']:g}"
-        )
-    for name in ERRORS_OF_MOTORS:
-        if mode.torque_share == 0.0 and largest[name] > 0.0:
-            raise ValueError(
-                f"{name} must be left out in mode {mode.name!r}, which has no motor; "
-                f"got {largest[name]:g}"
-            )
-    for name in _OF_TORQUES:
-        if joints == 0 and largest[name] > 0.0:
-            raise ValueError(
-                f"{name} must be left out where no joint has a motor; actuated=(0,) gives one to "
-                f"the joint on the cart; got {largest[name]:g}"
-            )
-
-
-def _substeps(
-    given: int | None, dt: float, random: Randomization, cart: Mapping[str, Any]
-) -> tuple[int, float]:
-    """Return the least number of substeps, and the rotation that divides one [rad]."""
-    if given is not None:
-        return _checks.count("substeps", given, high=MAX_SUBSTEPS), math.inf
-    most = 1
-    for corner in random.corners:
-        chain = chain_of(corner, 0)
-        most = max(most, substeps_on_base(default_substeps(chain, dt), chain, dt, random, cart))
-    return most, MAX_ROTATION
-
-
-def substeps_on_base(
-    substeps: int, chains: Chain | ChainParameters, dt: float, random: Randomization,
-    cart: Mapping[str, Any],
-) -> int:  # fmt: skip
-    """Return how many substeps chains need on any cart drawn, if on one, or else `substeps`."""
-    if cart["base"] != "cart":
-        return substeps
-    mass = random.ends("cart_mass", cart["cart_mass"])[0]
-    damping = random.ends("rail_damping", cart["rail_damping"])[1]
-    return substeps_on_cart(substeps, chains, dt, 1.0 / mass, damping)
 
 
 def _speed_scale(observation: str, chain: Chain) -> FloatArray:

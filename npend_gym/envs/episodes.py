@@ -9,21 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym._streams import Purpose
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
-from npend_gym.compiled.philox import generator
-from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig, task_numbers
 from npend_gym.envs.hardware import MotorCalls, SensorCalls, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
-from npend_gym.envs.kernels import ruled, step_many, step_one
-from npend_gym.envs.laws import of_kind
-from npend_gym.envs.modes import Mode, Quantities
+from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.outputs import EpisodeStarts, Outputs
-from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
+from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import LaneNumbers, Seeds
 from npend_gym.envs.settings import OF_LANES
 from npend_gym.envs.snapshots import Snapshots, States
@@ -36,31 +30,13 @@ from npend_gym.envs.starts import (
     scale_all,
     start_plan,
 )
+from npend_gym.envs.user_modes import judge, start_states
 from npend_gym.physics import energy
-from npend_gym.physics.kernels.layout import MAX_SPEED, Member, Rod
+from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.memory import Memory, Plan
 
 STATE = Rod.THETA, Rod.OMEGA
-_ruled = of_kind(ruled)
-# What NumPy, Python and PyTorch say where an array is taken for one number
-_OF_ARRAYS = "is ambiguous", "Python scalar", "to a scalar"
-
-
-def returned_by(mode: Mode, method: str, quantities: Quantities[Any]) -> Any:
-    """Result of a method of a mode; an error says that it takes arrays for numbers."""
-    try:
-        return getattr(mode, method)(quantities)
-    except (ValueError, TypeError, RuntimeError) as error:
-        if not any(text in str(error) for text in _OF_ARRAYS):
-            raise
-        raise type(error)(
-            f"{method} of mode {mode.name!r} must work on arrays: quantities have an entry for "
-            "each lane of a vector environment, theta and omega one for each rod. Use + - * /, abs "
-            "and comparisons: np.where, or a comparison times a number, in place of `if`; & | in "
-            "place of `and`, `or`; functions of NumPy in place of min, max and those of math; got "
-            f"the error: {error}"
-        ) from error
 
 
 class Episodes:
@@ -182,7 +158,8 @@ class Episodes:
         begin_episodes(*memory.arrays, memory.record, *self._beginning)
         if by_python:
             chosen = np.flatnonzero(mask)
-            memory.write_state(chosen, *self._states_by_python(chosen))
+            states = start_states(self.config, memory.members, self.seeds.values, chosen)
+            memory.write_state(chosen, *states)
         for lanes, values in given:
             self._apply_options(lanes, values)
 
@@ -245,29 +222,6 @@ class Episodes:
                 memory.of_base(field)[memory.place(lanes)] = options[name][lanes]
         memory.write_state(lanes, theta, omega)
 
-    def _states_by_python(self, chosen: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """Return the starting states of a mode of the user's own."""
-        theta, omega = np.empty((2, chosen.size, self.config.n))
-        members, config = self._memory.members, self.config
-        for row, k in enumerate(chosen):
-            rows = [Episode.EPISODE, Setting.amplitude, Setting.spread]
-            episode, amplitude, spread = members[rows, k].tolist()
-            rng = generator(self.seeds.values[int(k)], 0, Purpose.START, int(episode))
-            pair: Any = config.mode.start(rng, config.n, amplitude, spread)
-            is_pair = type(pair) in (tuple, list) or np.ndim(pair) == 2
-            if not is_pair or len(pair) != 2:
-                raise ValueError(
-                    f"start of mode {config.mode.name!r} must return two arrays of shape "
-                    f"({config.n},), angles and angular velocities; got {_checks.show(pair)}"
-                )
-            angles, speeds = pair
-            for name, values, limit, out in (
-                ("angles", angles, MAX_ANGLE, theta), ("velocities", speeds, MAX_SPEED, omega)
-            ):  # fmt: skip
-                label = f"the {name} of mode.start"
-                out[row] = _checks.within(label, _checks.vector(label, values, config.n), limit)
-        return theta, omega
-
     def set_states(self, lanes: LaneNumbers, states: States) -> None:
         """Put lanes into the states of records that `snapshots.check` returned, and show them."""
         self.snapshots.put(lanes, states)
@@ -318,7 +272,7 @@ class Episodes:
             self.outputs.renew()
         self._run(*self._looking)
         if self._judge == 0:
-            self._judge_by_python(observes=True)
+            judge(self.outputs, self._memory.members, self._task, observes=True)
 
     # -- stepping ---------------------------------------------------------------------------
 
@@ -337,7 +291,7 @@ class Episodes:
         self.outputs.renew()
         self._run(*self._stepping)
         if self._judge == 0:
-            self._judge_by_python(observes=False)
+            judge(self.outputs, self._memory.members, self._task, observes=False)
 
     def set_noisy_motors(self, motors: int) -> None:
         """Let noise and ripple act on this many motors, the first, alone."""
@@ -353,49 +307,6 @@ class Episodes:
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
             sensors.observe(self.seeds.keys, outputs.observations, task, self._wiring, plan)
-
-    def _judge_by_python(self, *, observes: bool) -> None:
-        """Write reward, end and success as a mode of the user's own judges."""
-        members, results = self._memory.members, self.outputs
-        outputs, flags = results.rows[:, : self.count], results.flags[:, : self.count]
-        quantities = results.quantities()
-        held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
-        judged = starts if observes else np.ones(self.count, np.bool_)
-        own = [self._returned_by(method, quantities) for method in ("failed", "achieved")]
-        needs_reward = not observes and self.config.reward_type != "sparse"
-        reward = self._returned_by("reward", quantities) if needs_reward else np.zeros(())
-        place, upright = quantities.rail_position, quantities.uprightness
-        reward, failed, achieved = _ruled(self._task, place, upright, reward, *own)
-        held[judged] *= np.broadcast_to(achieved, (self.count,))[judged]
-        flags[Flag.SUCCESS] = held > self._task[Task.HOLD_STEPS]
-        if not observes:
-            rewards = outputs[Output.REWARD]
-            rewards[:] = np.where(starts, 0.0, reward)
-            wrong = np.flatnonzero(~(np.isfinite(rewards) | flags[Flag.DIVERGED]))
-            if wrong.size > 0:
-                raise ValueError(
-                    f"reward of mode {self.config.mode.name!r} must be finite, "
-                    f"got {rewards[wrong[0]]:g} in sub-environment {wrong[0]}"
-                )
-            flags[Flag.TERMINATED] = failed & ~starts
-        members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
-
-    def _returned_by(self, method: str, quantities: Quantities[Any]) -> NDArray[Any]:
-        """Result of a method of the mode, of shape () or (B,); an error says what is wrong."""
-        mode, is_reward = self.config.mode, method == "reward"
-        value = returned_by(mode, method, quantities)
-        try:
-            out = np.asarray(value)
-        except ValueError:  # lists of several lengths
-            out = np.array(None)
-        is_kind = out.dtype.kind in ("biuf" if is_reward else "biu")  # True * True is an integer
-        if is_kind and out.shape in ((), (self.count,)):
-            return out if is_reward else out.astype(np.bool_, copy=False)
-        rule = "a finite number" if is_reward else "True or False"
-        raise (ValueError if is_kind else TypeError)(
-            f"{method} of mode {mode.name!r} must be {rule}, or an array of them of shape "
-            f"({self.count},), got {_checks.show(out.tolist() if out.shape else value)}"
-        )
 
     # -- for pictures -----------------------------------------------------------------------
 

@@ -14,9 +14,10 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import check_parameter, gear_ratios
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.config import EnvConfig, substeps_on_base
+from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import check_different, checked_equilibrium
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, width_of_starts
+from npend_gym.envs.limits import substeps_on_base
 from npend_gym.envs.settings import HARDWARE, OF_EPISODES
 from npend_gym.physics.arguments import warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED

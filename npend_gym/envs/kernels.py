@@ -8,7 +8,6 @@ observations, the quantities that modes judge by, and the numbers of the info.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from npend_gym._checks import BoolArray, FloatArray
@@ -167,7 +166,7 @@ def _no_mode(_: int, quantities: Quantities[Any]) -> tuple[Any, Any, Any]:
     return 0.0 * quantities.height, no, no
 
 
-def _dispatch(modes: Sequence[type[Mode]]) -> Any:
+def _dispatch(modes: list[type[Mode]]) -> Any:
     """Return a kernel: number of a mode, quantities -> reward, failed, achieved.
 
     Formulas are compiled as they stand, with None as their `self`. They are spliced: as functions,
@@ -253,21 +252,17 @@ def _judge(
         flags[Flag.TRUNCATED, g] = over
 
 
-@inlined_kernel
-def _begin_to_move(numbers: FloatArray, g: int) -> None:
-    """Let the sub-environments that start take part from the next step on."""
-    numbers[Episode.STARTING, g] = 0.0 * numbers[Episode.STARTING, g]
-    numbers[Member.ACTIVE, g] = 1.0 + numbers[Episode.STARTING, g]
-
-
 @spliced_kernel
 def _step(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
-    record: Turns, actions: FloatArray, written: tuple[ObsArray, FloatArray, BoolArray],
-    task: FloatArray, wiring: FloatArray, keys: Keys | None, past: FloatArray | None,
-    commands: Commands, timing: FloatArray, scratch: FloatArray,
+    record: Turns, actions: FloatArray, observation: ObsArray, outputs: FloatArray,
+    flags: BoolArray, task: FloatArray, wiring: FloatArray, keys: Keys | None,
+    past: FloatArray | None, commands: Commands, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    observation, outputs, flags = written[0], view(written[1]), view(written[2])
+    members, rods, model, record = bare(members), bare(rods), bare(model), bare(record)
+    actions, observation, task, wiring = bare(actions), bare(observation), bare(task), bare(wiring)
+    keys, past, commands, timing = bare(keys), bare(past), bare(commands), bare(timing)
+    scratch, outputs, flags = bare(scratch), view(bare(outputs)), view(bare(flags))
     numbers, work, acting = view(members), view(scratch), view(commands)
     observes, n = task[Task.OBSERVES] > 0.0, rods.shape[2] // width - 1
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
@@ -296,11 +291,12 @@ def _step(
             if task[Task.SENSED] == 0.0:
                 theta, omega = rods[g, Rod.THETA], rods[g, Rod.OMEGA]
                 observe(
-                    view, width, rods, g, theta, omega, scratch, observation, task,
-                    wiring[Wiring.PER_SPEED],
+                    view, width, rods, g, theta, omega, scratch, observation, task, wiring
                 )  # fmt: skip
-            if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
-                _begin_to_move(numbers, g)
+            starts = numbers[Episode.STARTING, g]
+            if any_of(starts > 0.0) and task[Task.MODE] > 0.0:  # they move from the next step on
+                numbers[Episode.STARTING, g] = 0.0 * starts
+                numbers[Member.ACTIVE, g] = 1.0 + 0.0 * starts
 
 
 @kernel
@@ -311,11 +307,9 @@ def step_one(
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of one environment; see `step_many`."""
-    written = bare(observation), bare(outputs), bare(flags)
     _step(
-        bare, 1, bare(members), bare(rods), bare(model), bare(record), bare(actions), written,
-        bare(task), bare(wiring), bare(keys), bare(past), bare(commands), bare(timing),
-        bare(scratch),
+        bare, 1, members, rods, model, record, actions, observation, outputs, flags, task, wiring,
+        keys, past, commands, timing, scratch,
     )  # fmt: skip
 
 
@@ -350,9 +344,7 @@ def step_many(
     commands : tuple of one ndarray, shape (len(Command), max(joints, 1), lanes)
         Written; LAGGED is kept from step to step.
     """
-    written = bare(observation), bare(outputs), bare(flags)
     _step(
-        packs, WIDTH, bare(members), bare(rods), bare(model), bare(record), bare(actions), written,
-        bare(task), bare(wiring), bare(keys), bare(past), bare(commands), bare(timing),
-        bare(scratch),
+        packs, WIDTH, members, rods, model, record, actions, observation, outputs, flags, task,
+        wiring, keys, past, commands, timing, scratch,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from npend_gym.compiled.jit import inlined_kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import ROUND
 from npend_gym.envs.laws import law
-from npend_gym.envs.rows import MAX_CART_ENTRY, Pose, Task
+from npend_gym.envs.rows import MAX_CART_ENTRY, Pose, Task, Wiring
 from npend_gym.physics.kernels.layout import Scratch
 
 ObsArray = NDArray[np.float32]
@@ -70,7 +70,7 @@ def _write_columns(numbers: FloatArray, width: int, columns: ObsArray) -> None:
 @spliced_kernel
 def observe(
     view: NumbersOf, width: int, rods: FloatArray, g: int, theta: FloatArray, omega: FloatArray,
-    scratch: FloatArray, observation: ObsArray, task: FloatArray, per_speed: FloatArray,
+    scratch: FloatArray, observation: ObsArray, task: FloatArray, wiring: FloatArray,
 ) -> None:  # fmt: skip
     """Write the observations of group `g`.
 
@@ -93,7 +93,7 @@ def observe(
     last = int(task[Task.AFTER_SPEEDS])
     if last > 0 and task[Task.AFTER_SINES] > 0.0:
         for i in range(n):
-            numbers[i] = speed_entry(speeds[i], per_speed[i], task)
+            numbers[i] = speed_entry(speeds[i], wiring[Wiring.PER_SPEED, i], task)
         _write_columns(shown, width, rows[:, last - n : last])
     elif last > 0:
         _write_columns(omega, width, rows[:, last - n : last])

@@ -21,7 +21,7 @@ from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
 from npend_gym.envs.laws import law
 from npend_gym.envs.observing import ObsArray, observe, within, wrapped
-from npend_gym.envs.rows import Episode, Setting, Task, Wiring
+from npend_gym.envs.rows import Episode, Setting, Task
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.layout import MAX_SPEED, Model, Rod, Scratch, Timing
 
@@ -150,6 +150,9 @@ def _sense(
     history: FloatArray, observation: ObsArray, task: FloatArray, wiring: FloatArray, dt: float,
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
+    members, rods, keys, history = bare(members), bare(rods), bare(keys), bare(history)
+    observation, task, wiring = bare(observation), bare(task), bare(wiring)
+    timing, scratch = bare(timing), bare(scratch)
     numbers, work = view(members), view(scratch)
     n, observes = rods.shape[2] // width - 1, task[Task.OBSERVES] > 0.0
     first, second = scratch[_FIRST_NOISE, : n * width], scratch[_SECOND_NOISE, : n * width]
@@ -179,8 +182,7 @@ def _sense(
                 s[i], c[i] = sincos(work[_THETA, i])
         theta, omega = scratch[_THETA, : (n + 1) * width], scratch[_OMEGA, : (n + 1) * width]
         observe(
-            view, width, rods, g, theta, omega, scratch, observation, task,
-            wiring[Wiring.PER_SPEED],
+            view, width, rods, g, theta, omega, scratch, observation, task, wiring
         )  # fmt: skip
 
 
@@ -192,8 +194,7 @@ def sense_one(
 ) -> None:  # fmt: skip
     """Observe one environment through its sensors; see `sense_many`."""
     _sense(
-        bare, 1, bare(members), bare(rods), bare(keys), bare(history), bare(observation),
-        bare(task), bare(wiring), dt, bare(timing), bare(scratch),
+        bare, 1, members, rods, keys, history, observation, task, wiring, dt, timing, scratch
     )  # fmt: skip
 
 
@@ -220,6 +221,5 @@ def sense_many(
         Time of a step [s].
     """
     _sense(
-        packs, WIDTH, bare(members), bare(rods), bare(keys), bare(history), bare(observation),
-        bare(task), bare(wiring), dt, bare(timing), bare(scratch),
+        packs, WIDTH, members, rods, keys, history, observation, task, wiring, dt, timing, scratch
     )  # fmt: skip

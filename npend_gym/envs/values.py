@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from typing_extensions import Self
 
 from npend_gym import _checks
 from npend_gym.chain import ChainParameters
@@ -44,6 +45,11 @@ class _Value:
             value = tuple(cast("Any", value)) if isinstance(value, list) else value
             value = value if rule is None else rule(each.name, value)
             object.__setattr__(self, each.name, value)
+
+    @classmethod
+    def of(cls, settings: Any) -> Self:
+        """Return those of the fields of `settings` that are its own."""
+        return cls(**{each.name: getattr(settings, each.name) for each in fields(cast("Any", cls))})
 
     @property
     def given(self) -> dict[str, Any]:

@@ -15,10 +15,10 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig, Quantities
 from npend_gym.envs.config import task_numbers
-from npend_gym.envs.episodes import returned_by
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
 from npend_gym.envs.outputs import EpisodeStarts
 from npend_gym.envs.rows import Setting
+from npend_gym.envs.user_modes import returned_by
 from npend_gym.physics.energy import kinetic_from, kinetic_on_cart, lift_from
 from npend_gym.torch.laws import exact_sincos, laws
 
