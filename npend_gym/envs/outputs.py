@@ -158,7 +158,8 @@ class Outputs:
         for row in self._counted:
             numbers[row] = numbers[row].astype(np.int64)
         blocks = [rows[block].T for block in self._blocks.values()]
-        info = self._info([*numbers, *flags, *blocks, *[read() for read in self._reads]])
+        values = [*numbers, *flags, *blocks, *[read() for read in self._reads]]
+        info: dict[str, Any] = dict(zip(self._shown, self._pick(values), strict=True))
         info.update(
             dict.fromkeys(self._masks, self._everywhere.copy() if present is None else present)
         )
@@ -169,13 +170,12 @@ class Outputs:
         numbers, flags = self._numbers.tolist(), self._flags.tolist()
         for row in self._counted:
             numbers[row] = int(numbers[row])
-        info: Any = self._info(numbers + flags + [read() for read in self._reads])
+        values = numbers + flags
+        for read in self._reads:  # quicker than a list
+            values.append(read())
+        info: Any = dict(zip(self._shown, self._pick(values)))  # noqa: B905  strict takes 0.2 us
         observation = self.observations[0] if self._is_plain else of_lane(self.observation, 0)
         return observation, numbers[_REWARD], flags[_TERMINATED], flags[_TRUNCATED], info
-
-    def _info(self, values: list[Any]) -> dict[str, Any]:
-        """Return an info of the values of `Output` and `Flag`, of blocks, and of what is read."""
-        return dict(zip(self._shown, self._pick(values)))  # noqa: B905  strict takes 0.2 us
 
 
 def final_info(observation: Any, info: dict[str, Any], done: BoolArray) -> dict[str, Any]:
