@@ -17,7 +17,6 @@ from npend_gym.physics.kernels.stages import (
     SHARED_ROWS,
     STAGE_ROWS,
     change_stages,
-    gather,
     return_stages,
     spread,
     stage_of,
@@ -31,10 +30,10 @@ _A = (0.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.0), (0.0, 0.5, 0.0, 0.0), (0.0, 0.0
 _END = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 TAPE_ROWS = 4 * STAGE_ROWS
 
-# Rows of the work space of one group: those of `stages`; coordinates of a stage, their change or
-# derivatives by them; the state on its way; in how many parts each lane takes the substep; two rows
-# of slopes and the pose for each stage; then the tapes
-_X, _THETA, _OMEGA_NOW, _PARTS, _SLOPES = range(SHARED_ROWS, SHARED_ROWS + 5)
+# Rows of the work space of one group: those of `stages`; a change at the start of a step, and
+# coordinates of a stage, their change or derivatives by them; the state on its way; in how many
+# parts each lane takes the substep; slopes, and the pose for each stage; then the tapes
+_BEGIN, _, _X, _THETA, _OMEGA_NOW, _PARTS, _SLOPES = range(SHARED_ROWS, SHARED_ROWS + 7)
 _POSES = _SLOPES + 8
 TAPE = _POSES + 4 * POSE_ROWS
 
@@ -78,12 +77,10 @@ def _change(
     changed: FloatArray, rest: FloatArray,
 ) -> None:  # fmt: skip
     """Carry changes of `q` and `u` at the start of a Runge-Kutta step to its end, in place."""
-    slopes = rest[_SLOPES:]
     change_stages(
-        h, _A, 4, group.chain, group.mass, tape, rest[_POSES:], q, u, pushed, changed,
-        rest[_X][: q.size], slopes, rest,
+        h, _A, _END, 4, 1, group.chain, group.mass, tape, rest[_POSES:], q, u, pushed, changed,
+        rest[_BEGIN:], rest[_SLOPES:], rest,
     )  # fmt: skip
-    gather(_END, h, slopes, 4, q, u, q, u)
 
 
 @inlined_kernel

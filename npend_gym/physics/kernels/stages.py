@@ -109,36 +109,45 @@ def return_stage(
 
 @inlined_kernel
 def gather(
-    weights: Any, h: Any, slopes: FloatArray, count: int, q: FloatArray, u: FloatArray,
-    x: FloatArray, w: FloatArray,
-) -> None:  # fmt: skip
-    """Write `q` and `u` plus h sum_s weights_s k_s into `x` and `w`, which may be the same rows."""
-    begun = False
+    weights: Any, h: Any, slopes: FloatArray, count: int, q: FloatArray, u: FloatArray
+) -> None:
+    """Add h sum_s weights_s k_s to `q` and `u`."""
     for s in range(count):
         if weights[s] != 0.0:
             weight, faster, gained = h * weights[s], slopes[2 * s], slopes[2 * s + 1]
             for i in range(q.size):
-                if begun:
-                    x[i], w[i] = x[i] + weight * faster[i], w[i] + weight * gained[i]
-                else:
-                    x[i], w[i] = q[i] + weight * faster[i], u[i] + weight * gained[i]
-            begun = True
-    if not begun:
-        copy(q, x)
-        copy(u, w)
+                q[i] += weight * faster[i]
+                u[i] += weight * gained[i]
 
 
 @inlined_kernel
 def change_stages(
-    h: Any, a: Any, count: int, chain: AnyArrays, mass: FloatArray, tape: FloatArray,
-    poses: FloatArray, q: FloatArray, u: FloatArray, pushed: FloatArray, changed: FloatArray,
-    x: FloatArray, slopes: FloatArray, rows: FloatArray,
+    h: Any, a: Any, end: Any, count: int, pairs: int, chain: AnyArrays, mass: FloatArray,
+    tape: FloatArray, poses: FloatArray, q: FloatArray, u: FloatArray, pushed: FloatArray,
+    changed: FloatArray, begin: FloatArray, slopes: FloatArray, rows: FloatArray,
 ) -> None:  # fmt: skip
-    """Write how each k changes with changes `q` and `u` of the state at the start of a step."""
+    """Carry changes `q` and `u` at the start of a step to its end, in place.
+
+    How each k changes is left in `slopes`, `pairs` of rows, one more than stages; or in one pair,
+    where a stage depends on the one before alone. The start is left in the first two of the three
+    rows `begin`. What a stage adds to the end and to the next stage is added at once: to read it
+    again would take a tenth longer in packs.
+    """
+    q_begin, u_begin, x, first = begin[0], begin[1], begin[2][: q.size], slopes[0]
+    for i in range(q.size):
+        q_begin[i], u_begin[i] = q[i], u[i]
+        x[i], first[i] = q[i], u[i]
     for s in range(count):
-        sped, gained = slopes[2 * s][: q.size], slopes[2 * s + 1][: q.size]
-        gather(a[s], h, slopes, s, q, u, x, sped)
+        own, following = 2 * (s % pairs), slopes[2 * ((s + 1) % pairs)]
+        sped, gained = slopes[own][: q.size], slopes[own + 1][: q.size]
+        if pairs > 1:
+            gather(a[s], h, slopes, s - 1, x, sped)  # from the stage before it is there
         change_stage(s, chain, mass, tape, poses, x, sped, pushed, changed, gained, rows)
+        part, weight = h * a[min(s + 1, count - 1)][s], h * end[s]
+        for i in range(q.size):
+            faster, more = sped[i], gained[i]
+            q[i], u[i] = q[i] + weight * faster, u[i] + weight * more
+            x[i], following[i] = q_begin[i] + part * faster, u_begin[i] + part * more
 
 
 @inlined_kernel

@@ -14,7 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.physics.kernels.driven import Listed
-from npend_gym.physics.kernels.dynamics import AnyArrays
+from npend_gym.physics.kernels.dynamics import AnyArrays, copy
 from npend_gym.physics.kernels.stages import (
     SHARED_ROWS,
     STAGE_ROWS,
@@ -27,9 +27,9 @@ from npend_gym.physics.kernels.stages import (
 )
 from npend_gym.physics.kernels.tangent import POSE_ROWS
 
-# Rows of the work space: those of `stages`; coordinates of a stage, their change or derivatives by
-# them; then for each stage two rows of slopes, the pose and the tape
-_X, _SLOPES = SHARED_ROWS, SHARED_ROWS + 1
+# Rows of the work space: those of `stages`; a change at the start of a step, and coordinates of a
+# stage, their change or derivatives by them; then slopes, and for each stage its pose and its tape
+_BEGIN, _SLOPES = SHARED_ROWS, SHARED_ROWS + 3
 
 
 class Steps(NamedTuple):
@@ -58,13 +58,14 @@ class Rods(NamedTuple):
 
 def new_scratch(stages: int, m: int) -> FloatArray:
     """Return the work space of the kernels here, for `m` coordinates."""
-    return aligned_zeros(_SLOPES + stages * (2 + POSE_ROWS + STAGE_ROWS), m + 2)
+    return aligned_zeros(_SLOPES + 2 + stages * (2 + POSE_ROWS + STAGE_ROWS), m + 2)
 
 
 class _Parts(NamedTuple):
     """Parts of the work space."""
 
     rows: FloatArray  # of `stages`
+    begin: FloatArray  # as `change_stages` has it
     x: FloatArray  # (m,)
     slopes: FloatArray
     poses: FloatArray
@@ -73,9 +74,10 @@ class _Parts(NamedTuple):
 
 @inlined_kernel
 def _parts_of(scratch: FloatArray, stages: int, m: int) -> _Parts:
-    poses = _SLOPES + 2 * stages
-    tape = poses + stages * POSE_ROWS
-    return _Parts(scratch, scratch[_X, :m], scratch[_SLOPES:poses], scratch[poses:], scratch[tape:])
+    poses = _SLOPES + 2 * stages + 2
+    tape, begin = poses + stages * POSE_ROWS, scratch[_BEGIN:_SLOPES]
+    slopes = scratch[_SLOPES:poses]
+    return _Parts(scratch, begin, begin[2][:m], slopes, scratch[poses:], scratch[tape:])
 
 
 @inner_kernel
@@ -115,13 +117,15 @@ def carry_changes(
         for d in range(len(changes)):
             change = changes[d]
             change_stages(
-                h, steps.tableau, count, rods.chain, rods.mass, parts.tape, parts.poses, change[:m],
-                change[m:], pushed[d], changed[d], parts.x, parts.slopes, parts.rows,
+                h, steps.tableau, steps.end, count, count + 1, rods.chain, rods.mass, parts.tape,
+                parts.poses, change[:m], change[m:], pushed[d], changed[d], parts.begin,
+                parts.slopes, parts.rows,
             )  # fmt: skip
-            for f in range(first, last + 1):  # the last of them is the end of the step
-                to = frames[f, d] if f < last else change
-                weights = steps.weights[f] if f < last else steps.end
-                gather(weights, h, parts.slopes, count, change[:m], change[m:], to[:m], to[m:])
+            for f in range(first, last):
+                to = frames[f, d]
+                copy(parts.begin[0][:m], to[:m])
+                copy(parts.begin[1][:m], to[m:])
+                gather(steps.weights[f], h, parts.slopes, count, to[:m], to[m:])
         first = last
 
 
