@@ -15,7 +15,7 @@ from npend_gym.compiled.arrays import aligned_zeros, packs
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, new_work
-from npend_gym.physics.kernels.link_terms import arrays_of
+from npend_gym.physics.kernels.member_rows import arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_step
 from npend_gym.tools import FloatArray
 from suites.timing import Job, Peers, Row, rates

@@ -256,8 +256,9 @@ def arrays_of(
     (lanes, n), terms = chains.masses.shape, count_terms(chains, base) if springs is None else 4
     members, (rows,), model = new_arrays(chains, terms, 1, lanes, base)
     size, gravity = n * lanes, members[Member.GRAVITY]
-    length, damping, resisted = rows[Rod.LENGTH][:size], rows[Rod.DAMPING][:size], chains.has_drag
-    drag = (rows[field][: size if resisted else 0] for field in (Rod.DRAG, Rod.QUADRATIC_DRAG))
+    length, damping = rows[Rod.LENGTH][:size], rows[Rod.DAMPING][:size]
+    resisted = size if chains.has_drag else 0
+    drag = rows[Rod.DRAG][:resisted], rows[Rod.QUADRATIC_DRAG][:resisted]
     if model is None:
         inverse_length = rows[Rod.INVERSE_LENGTH][:size]
         return ChainArrays(
