@@ -1,7 +1,7 @@
 """Implicit Q-learning by TorchRL: a policy from data sets of episodes, which is evaluated.
 
 npend dataset calm-1 --kind random
-python examples/offline_iql.py npend/calm-1/random-v0 --updates 3000
+python examples/offline_iql.py npend/calm-1/random-v0
 
 It needs `pip install "npend-gym[rl]" "minari[create]" pyarrow torchrl`. Kostrikov, Nair, Levine,
 arXiv:2110.06169: the policy clones the actions of the data, the more the better they turned out.
