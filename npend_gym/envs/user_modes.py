@@ -18,7 +18,7 @@ from npend_gym.envs.kernels import ruled
 from npend_gym.envs.laws import of_kind
 from npend_gym.envs.modes import Mode, Quantities
 from npend_gym.envs.outputs import Outputs
-from npend_gym.envs.rows import Episode, Flag, Output, Task, Setting
+from npend_gym.envs.rows import Episode, Flag, Output, Setting, Task
 from npend_gym.envs.seeds import LaneNumbers
 from npend_gym.physics.kernels.layout import MAX_SPEED, Member
 
