@@ -18,7 +18,7 @@ from npend_gym.physics.arguments import check_rtol, warn_of_degrees
 from npend_gym.physics.energy import centre_of_mass, positions, sincos, stretched
 from npend_gym.physics.equations import assembled
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.releases import RELEASE_ROWS, Release
+from npend_gym.physics.kernels.releases import RELEASE_ROWS, Releases
 from npend_gym.physics.kernels.turning_points import (
     AROUND,
     BOB,
@@ -30,7 +30,7 @@ from npend_gym.physics.kernels.turning_points import (
     speed_threshold,
 )
 from npend_gym.physics.mechanism import hanging_angle, in_frame_of_pivot, mechanism_of
-from npend_gym.physics.motion import Motion, pack_of, packs_of
+from npend_gym.physics.motion import Integration, pack_of, packs_of
 
 CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM, "horizontal": BOB}
 DEFINITIONS = tuple(CODES)
@@ -234,7 +234,7 @@ def _measure(
 def _release(
     chain: Chain, theta: FloatArray, omega: FloatArray, definition: int, rtol: float,
     accelerated: ArrayLike | None,
-) -> tuple[Motion, Release]:  # fmt: skip
+) -> tuple[Integration, Releases]:  # fmt: skip
     """Return the motion from these states (lanes, n), and what is to be measured of it."""
     lanes, n = len(theta), chain.n
     states = assembled(chain, theta, omega, np.zeros_like(theta), pivot_acceleration=accelerated)
@@ -254,7 +254,7 @@ def _release(
     record = new_record(innermost(per_rod), innermost(sides))
     threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, definition, rtol)
     scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
-    return motion, Release(definition, threshold, record, scratch)
+    return motion, Releases(definition, threshold, record, scratch)
 
 
 def orientation(rods: Chain | ChainParameters, theta: FloatArray, definition: int) -> FloatArray:

@@ -10,7 +10,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from npend_gym import Cart, Chain, NPendulumEnv, rl
 from npend_gym.envs import CartOnRail, EnvConfig, EnvKeywords, Motors, Randomize, Sensors
-from npend_gym.envs.settings import Settings
+from npend_gym.envs.settings import EnvSettings
 
 MOTORS = {"torque_noise": 0.1, "difficulty": "hard", "motor_lag": 0.02, "actuated": (0, 1)}
 SENSORS = {"angle_noise": 0.01, "observation": "sincos", "observation_delay": 1.5}
@@ -24,7 +24,7 @@ ON_CART = {"rail": 2.0, "rail_damping": 0.1, "max_force": 20.0}
 
 def settings_of(config):
     """Return all settings of a config, by name."""
-    settings = {each.name: getattr(config, each.name) for each in fields(Settings)}
+    settings = {each.name: getattr(config, each.name) for each in fields(EnvSettings)}
     return settings | {"mode": type(config.mode), "randomize": config.randomization[:2]}
 
 

@@ -86,3 +86,21 @@ def test_other_programs_of_a_clone_import_from_no_more_of_the_inside_than_is_lis
     used = {each.split(" ", 1)[1].partition(": ") for each in of_folder(folder)}
     modules = {f"{module}.{name}" if module in STUBS else module for module, _, name in used}
     assert {module.removeprefix("npend_gym.") for module in modules} == INSIDE[folder]
+
+
+def test_no_two_classes_of_the_package_have_one_name():
+    folder = ROOT / "npend_gym"
+    classes = [
+        (node.name, path.relative_to(folder).as_posix())
+        for path in sorted(folder.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    ]
+    places = dict[str, list[str]]()
+    for name, place in classes:
+        places.setdefault(name, []).append(place)
+    # what one kernel or another, one trainer or another, calls the same thing
+    same = {"Settings": {"rl/training/shac.py", "rl/training/imitation_settings.py"}}
+    assert len(classes) > 200
+    shared = {name: {*found} for name, found in places.items() if len(found) > 1}
+    assert shared == same

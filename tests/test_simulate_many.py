@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 import npend_gym
 from npend_gym import Cart, Chain, Event, IntegrationError, Signal, simulate
 from npend_gym.physics import accelerations
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Integration
 from npend_gym.physics.trajectory import STATE
 
 pytestmark = pytest.mark.long  # three more kernels are compiled
@@ -190,7 +190,7 @@ def test_dense_output_of_many_motions_keeps_their_steps(monkeypatch):
     chains = [DOUBLE, Chain.uniform(2, length=0.5)]
     many = simulate(chains, [[1.0, 0.5], [0.2, 0.1]], 0.0, TIMES)
     theta, _ = many.at(1.234)
-    monkeypatch.setattr(Motion, "steps", None)  # nothing integrates once more
+    monkeypatch.setattr(Integration, "steps", None)  # nothing integrates once more
     np.testing.assert_array_equal(many.at([1.234, 0.0])[0][:, 0], theta)
     monkeypatch.undo()
     alone = [simulate(chains[k], many.theta[k, 0], 0.0, TIMES).at(1.234)[0] for k in range(2)]

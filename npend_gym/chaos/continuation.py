@@ -34,7 +34,7 @@ class ContinuationError(RuntimeError):
     """A family of periodic orbits cannot be followed to the requested orbit."""
 
 
-class Shooting:
+class OrbitShooting:
     """The equations of one family. An orbit is x = (angles of the release, period / T0).
 
     Parameters
@@ -116,7 +116,7 @@ class Shooting:
 
 
 def family(
-    shooting: Shooting, x: FloatArray, tangent: FloatArray
+    shooting: OrbitShooting, x: FloatArray, tangent: FloatArray
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield pairs of neighbouring orbits of increasing energy, from `x` on along the tangent.
 
@@ -152,7 +152,7 @@ def family(
 
 
 def _step(
-    shooting: Shooting, x: FloatArray, tangent: FloatArray, step: float
+    shooting: OrbitShooting, x: FloatArray, tangent: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the orbit about a `step` ahead, and the tangent there; None if that is too long."""
     guess = x + step * tangent
@@ -164,7 +164,7 @@ def _step(
     return (found, ahead * np.sign(turn)) if abs(turn) > _BEND else None
 
 
-def _beyond(shooting: Shooting, orbits: list[FloatArray], energies: list[float]) -> FloatArray:
+def _beyond(shooting: OrbitShooting, orbits: list[FloatArray], energies: list[float]) -> FloatArray:
     """Return an orbit of a family whose energy has turned back, from where it goes on."""
     reached, last = np.array(energies), energies[-1]
     first, second = (int(np.argmin(np.abs(reached - part * last))) for part in _BEFORE)
@@ -180,13 +180,13 @@ def _beyond(shooting: Shooting, orbits: list[FloatArray], energies: list[float])
     )
 
 
-def _uphill(shooting: Shooting, x: FloatArray) -> FloatArray:
+def _uphill(shooting: OrbitShooting, x: FloatArray) -> FloatArray:
     """Return the direction of the family at `x` in which its energy increases."""
     tangent = shooting.tangent(x)
     return tangent * np.sign(shooting.energy(x)[1] @ tangent)
 
 
-def _lowest(shooting: Shooting, x: FloatArray) -> FloatArray:
+def _lowest(shooting: OrbitShooting, x: FloatArray) -> FloatArray:
     """Return the orbit down the family from `x` after which its energy increases again."""
     tangent, energy = -_uphill(shooting, x), shooting.energy(x)[0]
     while (after := _step(shooting, x, tangent, _FIRST)) is not None:
@@ -199,7 +199,7 @@ def _lowest(shooting: Shooting, x: FloatArray) -> FloatArray:
 
 
 def between(
-    shooting: Shooting, x: FloatArray, ahead: FloatArray, constraint: Constraint
+    shooting: OrbitShooting, x: FloatArray, ahead: FloatArray, constraint: Constraint
 ) -> FloatArray:
     """Return the orbit between two neighbours that meets `constraint`, as exactly as can be."""
     missed = constraint(x)[0], constraint(ahead)[0]

@@ -15,7 +15,7 @@ from npend_gym.chain import Chain, check_chain
 from npend_gym.chaos.variations import count_parts, motion_of, tangents
 from npend_gym.physics import mass_matrix, simulate
 from npend_gym.physics.mechanism import in_frame_of_pivot
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Integration
 from npend_gym.physics.sensitivities import carry
 from npend_gym.physics.substeps import fastest_rate
 
@@ -136,7 +136,7 @@ def tangent_growth(
 
 def log_growth(
     chain: Chain,
-    motion: Motion,
+    motion: Integration,
     duration: float,
     rate: float | None = 1.0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,

@@ -15,7 +15,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.chaos.growth import log_growth
 from npend_gym.chaos.variations import motion_of, record
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Integration
 from npend_gym.physics.signals import TimeVarying
 
 _SETTLING = 10  # a tenth of the motion, in which the vector turns into the direction that grows
@@ -223,7 +223,7 @@ def megno(
 
 def _grow(
     chain: Chain,
-    motion: Motion,
+    motion: Integration,
     duration: float,
     progress: Callable[[Iterable[int]], Iterable[int]],
     drives: Mapping[str, Any],

@@ -16,7 +16,7 @@ from npend_gym.chaos.continuation import (
     EXACT,
     Constraint,
     ContinuationError,
-    Shooting,
+    OrbitShooting,
     between,
     family,
 )
@@ -143,7 +143,7 @@ def periodic_orbits(
         raise ValueError("chain must hang, with every link's centre of mass below its joint")
     name, wanted = _check_wanted(amplitudes, energies)
     frequencies, shapes = theory.normal_modes(chain)
-    shooting = Shooting(chain, float(frequencies[mode]))
+    shooting = OrbitShooting(chain, float(frequencies[mode]))
     by_energy = name == "energies"
 
     def size(x: FloatArray) -> float:
@@ -181,7 +181,7 @@ def _of_amplitude(before: FloatArray, after: FloatArray, wanted: float) -> Const
 
 
 def _follow(
-    shooting: Shooting, shape: FloatArray, size: Callable[[FloatArray], float], first: float
+    shooting: OrbitShooting, shape: FloatArray, size: Callable[[FloatArray], float], first: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Return the pairs of orbits of the family that begins with a small motion of this shape."""
     small = _SMALL
@@ -195,7 +195,7 @@ def _follow(
     return family(shooting, x, tangent)
 
 
-def _orbit(shooting: Shooting, mode: int, x: FloatArray) -> PeriodicOrbit:
+def _orbit(shooting: OrbitShooting, mode: int, x: FloatArray) -> PeriodicOrbit:
     """The periodic orbit through `x`, from one period of its motion."""
     chain, n, theta, period = shooting.chain, shooting.n, x[:-1], shooting.period(x)
     path = simulate(chain, theta, 0.0, [0.0, period], rtol=EXACT, atol=0.01 * EXACT)

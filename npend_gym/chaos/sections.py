@@ -18,7 +18,7 @@ from npend_gym.physics.arguments import check_rtol, warn_caller
 from npend_gym.physics.functions import takes_time_alone
 from npend_gym.physics.integration import check_times
 from npend_gym.physics.mechanism import AXIAL, PIVOT
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Integration
 from npend_gym.physics.signals import Signal, TimeVarying
 
 _PART = 10.0  # rad of the fastest mode, at least, in one simulation
@@ -260,7 +260,7 @@ def stroboscopic_section(
     return Section(times[kept], theta, omega, made_by)
 
 
-def _warn_of_period(motion: Motion, period: float) -> None:
+def _warn_of_period(motion: Integration, period: float) -> None:
     """Warn where a function of time differs after the period: points would look like chaos."""
     varying = motion.drives.varying
     if any(isinstance(each, Signal) or not takes_time_alone(each) for each in varying.values()):

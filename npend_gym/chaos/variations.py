@@ -15,7 +15,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.integration import check_settings, check_times
 from npend_gym.physics.mechanism import in_frame_of_pivot
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Integration
 from npend_gym.physics.recipe import described
 from npend_gym.physics.sensitivities import carry
 from npend_gym.physics.signals import TimeVarying
@@ -111,7 +111,7 @@ def motion_of(
     *,
     longest: float = math.inf,
     alone: bool = True,
-) -> Motion:
+) -> Integration:
     """Return the motion along which tangent vectors are carried; arguments as for `tangents`.
 
     A cart starts at rest, and springs with the tensions of rigid rods. No step is longer than

@@ -42,7 +42,7 @@ from npend_gym.envs.settings import (
     OF_CART,
     OF_SENSORS,
     RULES,
-    Settings,
+    EnvSettings,
     angle,
 )
 from npend_gym.envs.values import CartOnRail, Motors, Sensors, unfolded
@@ -57,7 +57,7 @@ MAX_SCALED_SPEED = 2.0  # of the observation "scaled", whose faster rods are cli
 
 @with_config_keywords
 @dataclass(frozen=True, eq=False, init=False)
-class EnvConfig(Settings):
+class EnvConfig(EnvSettings):
     """The settings of an environment: its keywords, checked, and what follows from them.
 
     Parameters
@@ -150,7 +150,7 @@ class EnvConfig(Settings):
         check_success(mode, given["reward_type"])
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
         given["difficulty"] = None  # the limits have it
-        used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
+        used: dict[str, Any] = {each.name: given[each.name] for each in fields(EnvSettings)}
         vars(self).update(used | {
             "mode": mode,
             "chain": chain,

@@ -34,7 +34,7 @@ from npend_gym.envs.user_modes import judge, start_states
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.mechanism import mechanism_of
-from npend_gym.physics.memory import Memory, Plan
+from npend_gym.physics.memory import CallPlan, Memory
 
 STATE = Rod.THETA, Rod.OMEGA
 
@@ -299,7 +299,7 @@ class Episodes:
         if self.motors is not None:
             self.motors.forget_noise(motors)
 
-    def _run(self, plan: Plan, task: FloatArray) -> None:
+    def _run(self, plan: CallPlan, task: FloatArray) -> None:
         """Call the step kernel, and then the sensors."""
         outputs, sensors = self.outputs, self.sensors
         written = outputs.observations, outputs.rows, outputs.flags

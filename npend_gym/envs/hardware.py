@@ -19,7 +19,7 @@ from npend_gym.envs.motors import Command, draw_disturbances
 from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import draw_sensor_noise, sense_many, sense_one
 from npend_gym.envs.settings import ERRORS_OF_MOTORS, OF_PUSHES, OF_SENSORS
-from npend_gym.physics.calls import Cut, Plan, plan_of
+from npend_gym.physics.calls import CallPlan, Cut, plan_of
 from npend_gym.physics.memory import Memory
 
 
@@ -49,7 +49,7 @@ class MotorCalls:
         self.pieces: int = substeps if varies else 1
         piece = Cut(config.dt / self.pieces, substeps // self.pieces, config.max_rotation)
         rods = memory.n * memory.width * self.pieces  # a call takes all pieces
-        self.plan: Plan = plan_of(piece, rods, memory.groups, memory.threads)  # of a piece
+        self.plan: CallPlan = plan_of(piece, rods, memory.groups, memory.threads)  # of a piece
         self.past: FloatArray = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
 
@@ -123,7 +123,7 @@ class SensorCalls:
 
     def observe(
         self, keys: Keys, observation: NDArray[np.float32], task: FloatArray,
-        wiring: FloatArray, plan: Plan,
+        wiring: FloatArray, plan: CallPlan,
     ) -> None:  # fmt: skip
         """Write the observations, after a call of the step kernel with the same `plan`."""
         arrays = keys, self._history, observation, task, wiring, self._dt

@@ -11,7 +11,7 @@ ENV_ID = "NPendulum-v0"
 MAX_EPISODE_STEPS = 1000
 
 
-class Task(NamedTuple):
+class EnvTask(NamedTuple):
     """A task under a name of its own: keywords of the environment, and when it is solved."""
 
     keywords: dict[str, Any]
@@ -44,22 +44,22 @@ _OF_PUFFERLIB = {
 
 # Each page docs/tasks/*.md describes one of them
 TASKS = {
-    "npend/SwingUp-v1": Task({"mode": "swingup", "observation": "scaled"}, 900.0),
-    "npend/Balance-v1": Task({"mode": "balance", "observation": "scaled"}, 990.0),
-    "npend/Calm-v1": Task({"mode": "calm", "observation": "scaled"}, 900.0),
-    "npend/Release-v1": Task({"mode": "passive", "observation": "scaled"}),  # has no reward
-    "npend/Transition-v1": Task({"mode": "transition", "observation": "scaled"}, 900.0),
-    "npend/CartPole-v1": Task(_OF_GYMNASIUM | {"chain": "cartpole"}, 990.0),
-    "npend/CartDoublePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 2"}, 990.0),
-    "npend/CartTriplePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 3"}, 950.0),
-    "npend/DMAcrobot-v1": Task(_DM_ACROBOT),
-    "npend/PufferDoublePendulum-v1": Task(_OF_PUFFERLIB, max_episode_steps=600),
+    "npend/SwingUp-v1": EnvTask({"mode": "swingup", "observation": "scaled"}, 900.0),
+    "npend/Balance-v1": EnvTask({"mode": "balance", "observation": "scaled"}, 990.0),
+    "npend/Calm-v1": EnvTask({"mode": "calm", "observation": "scaled"}, 900.0),
+    "npend/Release-v1": EnvTask({"mode": "passive", "observation": "scaled"}),  # has no reward
+    "npend/Transition-v1": EnvTask({"mode": "transition", "observation": "scaled"}, 900.0),
+    "npend/CartPole-v1": EnvTask(_OF_GYMNASIUM | {"chain": "cartpole"}, 990.0),
+    "npend/CartDoublePole-v1": EnvTask(_OF_DM_CONTROL | {"chain": "dm_control cartpole 2"}, 990.0),
+    "npend/CartTriplePole-v1": EnvTask(_OF_DM_CONTROL | {"chain": "dm_control cartpole 3"}, 950.0),
+    "npend/DMAcrobot-v1": EnvTask(_DM_ACROBOT),
+    "npend/PufferDoublePendulum-v1": EnvTask(_OF_PUFFERLIB, max_episode_steps=600),
 }
 
 
 def register_envs() -> None:
     """Make the environments known to `gym.make` and `gym.make_vec`; may be called again."""
-    for env_id, task in ({ENV_ID: Task({})} | TASKS).items():
+    for env_id, task in ({ENV_ID: EnvTask({})} | TASKS).items():
         if env_id not in registration.registry:
             registration.register(
                 id=env_id,

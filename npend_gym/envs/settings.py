@@ -255,7 +255,7 @@ class PictureSettings:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
+class EnvSettings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
     """All keywords but those of the chain, which `Chain` describes."""
 
     mode: Mode = keyword(
@@ -324,7 +324,7 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
 
 
 # With values that hold several of them, which are no fields: `replace` would give both
-FIELDS: dict[str, Field[Any]] = Settings.__dataclass_fields__ | {
+FIELDS: dict[str, Field[Any]] = EnvSettings.__dataclass_fields__ | {
     "motors": keyword(
         None, "The keywords of motors as one value, `npend_gym.envs.Motors`, or the dict of it."
     ),

@@ -24,7 +24,7 @@ from npend_gym.envs.snapshots import States
 from npend_gym.export.mjcf import to_mjcf
 from npend_gym.physics.kernels.layout import MAX_SPEED, Member
 from npend_gym.physics.kernels.link_terms import MODEL
-from npend_gym.physics.memory import Plan
+from npend_gym.physics.memory import CallPlan
 from npend_gym.rl.evaluation.settings import EnvLike, setting_of
 
 MUJOCO_ID = "npend/MuJoCo-v0"
@@ -113,7 +113,7 @@ class MujocoEpisodes(Episodes):
         self._data = mujoco.MjData(self._model)
         super().__init__(config, count, threads, max_steps, single=single)
 
-    def _run(self, plan: Plan, task: FloatArray) -> None:
+    def _run(self, plan: CallPlan, task: FloatArray) -> None:
         """Move the chains by MuJoCo; the step kernel, in which none is active, only judges them."""
         if task is not self._task:
             super()._run(plan, task)

@@ -171,7 +171,7 @@ def _module(torch: Any, policy: Policy) -> Any:
     functions: dict[str, Any] = {"tanh": torch.tanh, "relu": torch.relu}
     functions["clip"] = torch.nn.functional.hardtanh  # to [-1, 1]
 
-    class Network(torch.nn.Module):
+    class _Exported(torch.nn.Module):
         def __init__(self) -> None:
             super().__init__()
             for name, array in _numbers(policy).items():
@@ -199,7 +199,7 @@ def _module(torch: Any, policy: Policy) -> Any:
             newest = torch.nn.functional.pad(action[:, None], (k, 0))
             return action, torch.cat([newest, frames[:, :-1]], 1)
 
-    return Network().eval()
+    return _Exported().eval()
 
 
 def _numbers(policy: Policy) -> dict[str, Any]:

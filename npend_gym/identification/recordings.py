@@ -30,7 +30,7 @@ _NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
 _POSITIONS = re.compile(r"(x|y|omega)\d{1,9}", re.ASCII)
 
 
-class Recording(NamedTuple):
+class FileMotions(NamedTuple):
     """Motions from files, the lengths of links [unit of the file] that positions show, and words.
 
     `said` says how files of other programs were understood.
@@ -133,7 +133,7 @@ def read_recording(
     degrees: bool = False,
     relative: bool = False,
     fps: float | None = None,
-) -> Recording:
+) -> FileMotions:
     """Read the same with how files were understood; see `read_motion`."""
     named = _check_columns(columns)
     degrees, relative = _checks.truth("degrees", degrees), _checks.truth("relative", relative)
@@ -166,7 +166,7 @@ def read_recording(
         np.concatenate(moved) if moved else None,
     )
     said = [sentence for one in recordings for sentence in one.said]
-    return Recording(motion, recordings[0].lengths, said)
+    return FileMotions(motion, recordings[0].lengths, said)
 
 
 def _check_columns(columns: object) -> dict[str, str]:
@@ -196,10 +196,10 @@ def _is_read(name: str) -> bool:
 
 def _read_any(
     path: Path, columns: dict[str, str], degrees: bool, relative: bool, fps: float | None
-) -> Recording:
+) -> FileMotions:
     """Read a file of our own layout strictly, and another one by what stands in it."""
     if fps is None and _is_ours(path, columns):
-        return Recording(_read_file(path, columns, degrees, relative), None, [])
+        return FileMotions(_read_file(path, columns, degrees, relative), None, [])
     try:
         table = read_table(path)
         given = {ours: name for name, ours in columns.items()}
@@ -209,7 +209,7 @@ def _read_any(
     except ValueError as error:
         text = str(error)
         raise ValueError(text if str(path) in text else f"{path}: {text}") from error
-    return Recording(motion, read.lengths, [f"{path.name}: {'; '.join(read.said)}"])
+    return FileMotions(motion, read.lengths, [f"{path.name}: {'; '.join(read.said)}"])
 
 
 def _is_ours(path: Path, columns: dict[str, str]) -> bool:

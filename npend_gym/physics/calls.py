@@ -27,7 +27,7 @@ class Cut(NamedTuple):
     max_rotation: float  # rad: a substep in which a rod would turn by more is cut again
 
 
-class Plan(NamedTuple):
+class CallPlan(NamedTuple):
     """How a step of all groups is divided into compiled calls."""
 
     substeps: int
@@ -38,7 +38,7 @@ class Plan(NamedTuple):
     timing: list[FloatArray]  # of each thread
 
 
-def plan_of(cut: Cut, rods: int, groups: int, threads: int, *, at_once: bool = False) -> Plan:
+def plan_of(cut: Cut, rods: int, groups: int, threads: int, *, at_once: bool = False) -> CallPlan:
     """Return a plan for groups with `rods` each; all substeps of a group may be taken `at_once`."""
     dt, substeps, max_rotation = cut
     most = rods * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
@@ -48,11 +48,11 @@ def plan_of(cut: Cut, rods: int, groups: int, threads: int, *, at_once: bool = F
     piece = max(1, substeps if at_once else min(piece, substeps))
     timing = np.zeros((threads, len(Timing)))
     timing[:] = dt, substeps, 1.0 / max_rotation, 0.0, groups, 0.0, substeps
-    return Plan(substeps, groups, each, piece, each >= groups and piece >= substeps, [*timing])
+    return CallPlan(substeps, groups, each, piece, each >= groups and piece >= substeps, [*timing])
 
 
 def run(
-    kernel: Callable[..., None], arrays: tuple[Any, ...], plan: Plan, crew: Crew,
+    kernel: Callable[..., None], arrays: tuple[Any, ...], plan: CallPlan, crew: Crew,
     work: Sequence[FloatArray],
 ) -> None:  # fmt: skip
     """Call ``kernel(*arrays, timing, work)`` for all groups, with work space for each thread.

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.physics.mechanism import mechanism_of
-from npend_gym.physics.motion import MAX_BYTES, Motion, TakenSteps
+from npend_gym.physics.motion import MAX_BYTES, Integration, TakenSteps
 from npend_gym.physics.recipe import AT_REST, motion_of
 from npend_gym.physics.signals import varies
 from npend_gym.physics.trajectory import STATE, Trajectory
@@ -93,7 +93,7 @@ def state_of(trajectory: Trajectory, k: int) -> FloatArray:
     return np.concatenate([np.atleast_1d(part[k]) for part in parts if part is not None])
 
 
-def retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
+def retaken(trajectory: Trajectory) -> tuple[Integration, FloatArray]:
     """Return the motion of a trajectory, ready to be integrated once more, and its first state.
 
     Raises

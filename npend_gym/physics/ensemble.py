@@ -19,7 +19,7 @@ from npend_gym.physics.arguments import (
     check_states,
     checked_joints,
 )
-from npend_gym.physics.calls import Cut, Plan
+from npend_gym.physics.calls import CallPlan, Cut
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.members import Members
@@ -102,7 +102,7 @@ class Ensemble(Members):
         self.joints: NDArray[Any] = np.array(checked_joints(joints, self.n), np.int64)
         super().__init__(Memory(mechanism.parameters, self.size, threads, base=mechanism.base))
         self._has_cart = mechanism.base is not None
-        self._plans: dict[Cut, Plan] = {}  # of the last step
+        self._plans: dict[Cut, CallPlan] = {}  # of the last step
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
         """Set the chain of some members; their time and measurements start again.
@@ -287,11 +287,11 @@ class Ensemble(Members):
         self._ready = True
         return tuple(states.reshape(2, len(given) + 1, -1, self.n)[:, :, :members])
 
-    def _run(self, plan: Plan) -> None:
+    def _run(self, plan: CallPlan) -> None:
         memory = self._memory
         memory.run(advance_one if memory.width == 1 else advance_many, (memory.record,), plan)
 
-    def _plan(self, dt: float, substeps: int | None) -> Plan:
+    def _plan(self, dt: float, substeps: int | None) -> CallPlan:
         """Return how a step of `dt` is taken; kept for the last one."""
         cut = self._steps.cut(dt, substeps)
         if cut not in self._plans:

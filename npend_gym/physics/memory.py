@@ -13,7 +13,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._threads import Crew
 from npend_gym.chain import SIMPLE_FIELDS, Cart, Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
-from npend_gym.physics.calls import Cut, Plan, plan_of, run
+from npend_gym.physics.calls import CallPlan, Cut, plan_of, run
 from npend_gym.physics.kernels.laws import Friction
 from npend_gym.physics.kernels.layout import (
     Member,
@@ -243,12 +243,12 @@ class Memory:
         """Begin to measure from the present state of some members."""
         begin_all_to_measure(*self.arrays[:2], self.record, self.n, members)
 
-    def plan(self, dt: float, substeps: int, max_rotation: float) -> Plan:
+    def plan(self, dt: float, substeps: int, max_rotation: float) -> CallPlan:
         """Return how steps of this kind are divided into compiled calls, for `run`."""
         cut = Cut(dt, check_default(substeps, dt), max_rotation)
         return plan_of(cut, self.n * self.width, self.groups, self.threads)
 
-    def run(self, kernel: Callable[..., None], arrays: tuple[Any, ...], plan: Plan) -> None:
+    def run(self, kernel: Callable[..., None], arrays: tuple[Any, ...], plan: CallPlan) -> None:
         """Call ``kernel(*self.arrays, *arrays, timing, scratch)`` for all groups, see `calls`."""
         run(kernel, (*self.arrays, *arrays), plan, self.crew, self._scratch)
 

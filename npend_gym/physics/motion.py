@@ -112,11 +112,11 @@ class Segment(NamedTuple):
     states: FloatArray  # there, (lanes, F, 2m)
     steps: list[TakenSteps]  # of each lane, if they are kept
     counts: FloatArray  # steps taken, refused, and with dense output, (3 lanes,); zeros for "rk4"
-    after: FloatArray  # the state at the end of the last step, as that of `Motion`
+    after: FloatArray  # the state at the end of the last step, as that of `Integration`
     torque: Torque  # what acted
 
 
-class Motion:
+class Integration:
     """A motion from a state, or a pack of them, to be integrated by a method of `simulate`.
 
     Parameters
@@ -320,7 +320,7 @@ def pack_of(
     settings: Mapping[str, float],
     width: int = WIDTH,
     method: str = "dop853",
-) -> Motion:
+) -> Integration:
     """Return the motions from some of these states, (B, m), side by side under constant loads.
 
     Lanes to spare repeat the last of them.
@@ -329,4 +329,4 @@ def pack_of(
     state = innermost(np.hstack([states.q[lanes], states.u[lanes]]))
     loads = innermost(states.loads[lanes])
     drives = Drives(states.mechanism.n, loads, {}, loads.size)
-    return Motion(states.mechanism.of(lanes), state, drives, settings, method=method)
+    return Integration(states.mechanism.of(lanes), state, drives, settings, method=method)

@@ -15,7 +15,7 @@ from npend_gym.physics.drives import Drives, slots
 from npend_gym.physics.kernels.driven import AFTER_TORQUES
 from npend_gym.physics.kernels.methods import METHODS, longest_gap
 from npend_gym.physics.mechanism import Mechanism
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Integration
 from npend_gym.physics.signals import Signal, TimeVarying, varies
 from npend_gym.physics.substeps import GAP
 
@@ -115,10 +115,10 @@ def motion_of(
     recipe: Recipe,
     kept: dict[Any, Callback] | None = None,
     members: slice | None = None,
-) -> Motion:
+) -> Integration:
     """Return a motion from a state (2m,), ready to be integrated by a recipe.
 
-    `kept` is as for `Drives.begin`, `members` as for `Motion`.
+    `kept` is as for `Drives.begin`, `members` as for `Integration`.
     """
     drives = drives_of(mechanism, recipe)
     m = mechanism.size
@@ -129,4 +129,4 @@ def motion_of(
         gap = GAP if recipe.method == "rk4" else longest_gap(METHODS[recipe.method])
         longest = float(recipe.longest_step) * min(1.0, GAP / gap)
         settings["dt"] = min(settings.get("dt", math.inf), longest)
-    return Motion(mechanism, state, drives, settings, members, recipe.method)
+    return Integration(mechanism, state, drives, settings, members, recipe.method)

@@ -23,7 +23,7 @@ from npend_gym.physics.kernels.driven import AFTER_TORQUES
 from npend_gym.physics.kernels.methods import carrier
 from npend_gym.physics.kernels.pairs import Pair
 from npend_gym.physics.kernels.tape import Rods, carry_back, new_scratch
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Integration
 from npend_gym.physics.substeps import LONGEST_PHASE, rate_at_rest
 from npend_gym.physics.tapes import AT_A_TIME, Tape, arrays_for, tapes
 from npend_gym.physics.trajectory import Trajectory
@@ -53,7 +53,7 @@ class MotionGradient(NamedTuple):
 
 
 def carry(
-    motion: Motion,
+    motion: Integration,
     times: FloatArray,
     states: FloatArray,
     loads: FloatArray | None = None,
@@ -212,7 +212,7 @@ _Sums = tuple[FloatArray, FloatArray, FloatArray]  # by the state, the loads and
 
 
 def _contracted(
-    motion: Motion, trajectory: Trajectory, bars: FloatArray, sums: _Sums, names: Sequence[str]
+    motion: Integration, trajectory: Trajectory, bars: FloatArray, sums: _Sums, names: Sequence[str]
 ) -> FloatArray | None:
     """Do as `_returned` by all derivatives forward, which takes O(n) as many operations."""
     sizes = [each.size for each in sums]
@@ -230,7 +230,7 @@ def _contracted(
 
 
 def _returned(
-    motion: Motion, trajectory: Trajectory, bars: FloatArray, sums: _Sums, names: Sequence[str]
+    motion: Integration, trajectory: Trajectory, bars: FloatArray, sums: _Sums, names: Sequence[str]
 ) -> FloatArray | None:
     """Take derivatives by the states back to the start, and return the state at the end."""
     bar, load_bar, chain_bar = sums
@@ -255,13 +255,13 @@ def _returned(
     return reached
 
 
-def _ends(motion: Motion) -> NDArray[np.bool_]:
+def _ends(motion: Integration) -> NDArray[np.bool_]:
     """Whether the centre of mass of each link is at its end, and stays there, (1, n)."""
     parameters = motion.mechanism.parameters
     return parameters.centres == parameters.lengths
 
 
-def _retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
+def _retaken(trajectory: Trajectory) -> tuple[Integration, FloatArray]:
     """Return the motion of a trajectory to be integrated once more, and its first state."""
     if trajectory.theta.ndim != 2:
         raise ValueError(
@@ -272,7 +272,7 @@ def _retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
     return motion, state
 
 
-def _check_rest(chain: Chain, motion: Motion, tape: Tape) -> None:
+def _check_rest(chain: Chain, motion: Integration, tape: Tape) -> None:
     """Refuse adaptive steps in which rods rest, to the tolerance, and small changes of them do not.
 
     No error limits such a step, and in a long one the method is unstable. The base may move.

@@ -15,7 +15,7 @@ from npend_gym.physics.equations import States, assembled, slow_start
 from npend_gym.physics.functions import NAMES
 from npend_gym.physics.integration import check_method
 from npend_gym.physics.mechanism import check_lengths, mechanism_of
-from npend_gym.physics.motion import Motion, pack_of
+from npend_gym.physics.motion import Integration, pack_of
 from npend_gym.physics.recipe import AT_REST, Function, Recipe, described, drives_of, motion_of
 from npend_gym.physics.signals import Signal, varies
 from npend_gym.physics.substeps import longest_step
@@ -142,7 +142,7 @@ class Start:
         """Return the chain of motion `k`."""
         return self.chains[k if len(self.chains) > 1 else 0]
 
-    def motion(self, members: slice, *, packed: bool) -> Motion:
+    def motion(self, members: slice, *, packed: bool) -> Integration:
         """Return some of the motions as a pack, where constants alone drive them, or one."""
         if packed:
             motion = pack_of(self.states, members, self._settings, method=self.recipe.method)

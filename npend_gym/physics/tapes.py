@@ -12,7 +12,7 @@ from npend_gym.physics.directions import with_features
 from npend_gym.physics.kernels.driven import Sampled, Torque
 from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.tape import Steps
-from npend_gym.physics.motion import Motion, TakenSteps
+from npend_gym.physics.motion import Integration, TakenSteps
 
 AT_A_TIME = 256  # steps
 
@@ -27,7 +27,7 @@ class Tape(NamedTuple):
     after: FloatArray  # the state at the end of the last of them, (2m,)
 
 
-def tapes(motion: Motion, times: FloatArray, steps: int = AT_A_TIME) -> Iterator[Tape]:
+def tapes(motion: Integration, times: FloatArray, steps: int = AT_A_TIME) -> Iterator[Tape]:
     """Integrate a motion from ``times[0]`` on, and yield its steps in pieces.
 
     They have the bits of those that `simulate` takes from the same start with the same settings.
@@ -57,7 +57,9 @@ def tapes(motion: Motion, times: FloatArray, steps: int = AT_A_TIME) -> Iterator
         yield Tape(kernel_steps, loads, span, float(end[-1]), segment.after)
 
 
-def _loads(motion: Motion, torque: Torque, taken: TakenSteps, instants: FloatArray) -> FloatArray:
+def _loads(
+    motion: Integration, torque: Torque, taken: TakenSteps, instants: FloatArray
+) -> FloatArray:
     """Loads at each stage of each step, (S or 1, stages or 1, loads)."""
     drives = motion.drives
     if isinstance(torque, np.ndarray):
@@ -70,7 +72,7 @@ def _loads(motion: Motion, torque: Torque, taken: TakenSteps, instants: FloatArr
     return drives.at(times.ravel(), q, u, alone=True).reshape(*times.shape, -1)
 
 
-def arrays_for(motion: Motion, names: Collection[str]) -> AnyArrays:
+def arrays_for(motion: Integration, names: Collection[str]) -> AnyArrays:
     """Return the chain of a motion for kernels that differentiate by the named parameters."""
     resisting = sorted({"friction", "friction_speed", "drag", "quadratic_drag"} & {*names})
     if motion.method.conservative and resisting:

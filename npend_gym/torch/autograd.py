@@ -12,7 +12,7 @@ from torch.autograd import Function
 
 from npend_gym.compiled.sincos import sincos_all
 from npend_gym.torch import compiled_steps, device_steps
-from npend_gym.torch.compiled_steps import Call
+from npend_gym.torch.compiled_steps import StepCall
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -43,11 +43,11 @@ def _device_of(tensor: Tensor) -> Any:
     return device_steps if device_steps.on_gpu(tensor) else compiled_steps
 
 
-class Step(Function):
+class StepFunction(Function):
     """Theta and omega (B, n) after a step, float64, from theta, omega, torque and parameters."""
 
     @staticmethod
-    def forward(call: Call, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(call: StepCall, *inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Take the step."""
         inputs = tuple(x.detach() for x in inputs)
         chains = call.chains(len(inputs[0]), inputs[3:])
@@ -76,14 +76,14 @@ class Step(Function):
         """Take the steps of all samples at once, side by side."""
         call, *inputs = args
         folded = _folded(info.batch_size, in_dims[1:], inputs)
-        return _unfolded(info.batch_size, applied(Step, call, *folded))
+        return _unfolded(info.batch_size, applied(StepFunction, call, *folded))
 
 
 class StepBack(Function):
     """The gradient by what a step began with, from that by where it led."""
 
     @staticmethod
-    def forward(call: Call, needed: tuple[bool, ...], *inputs: Tensor) -> tuple[Tensor, ...]:
+    def forward(call: StepCall, needed: tuple[bool, ...], *inputs: Tensor) -> tuple[Tensor, ...]:
         """Take the gradient back."""
         inputs = tuple(x.detach() for x in inputs)
         chains = call.chains(len(inputs[0]), inputs[5:])
@@ -143,7 +143,7 @@ class SinCos(Function):
 
 
 # torch asks for the signature in every call, and to find it takes as long as a short step
-for _function in (Step, StepBack, SinCos):
+for _function in (StepFunction, StepBack, SinCos):
     _function.forward.__signature__ = inspect.signature(_function.forward)  # type: ignore[attr-defined]
 
 

@@ -20,7 +20,7 @@ from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.keywords import DEFAULTS
 from npend_gym.envs.laws import names_in_laws
-from npend_gym.envs.settings import Settings
+from npend_gym.envs.settings import EnvSettings
 
 _DTYPES = (torch.float64, torch.float32)
 _DEVICES = ("cpu", "cuda")
@@ -157,7 +157,7 @@ _KNOWN = frozenset({
 def check_known(config: EnvConfig) -> None:
     """Raise a ValueError that names a keyword which an environment of tensors does not know."""
     known, where = _KNOWN.union(names_in_laws()), "in an environment of tensors"
-    for name in [each.name for each in fields(Settings)]:
+    for name in [each.name for each in fields(EnvSettings)]:
         is_default = np.array_equal(getattr(config, name), DEFAULTS[name])
         is_drawn = any(drawn.split("[")[0] == name for drawn in config.context_names)
         if name not in known and (is_drawn or not is_default):

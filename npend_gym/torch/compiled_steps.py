@@ -24,7 +24,7 @@ from npend_gym.torch.checks import DivergedError, check_bars
 
 
 @dataclass(frozen=True, eq=False)
-class Call:
+class StepCall:
     """How a step is taken; no tensor is in it."""
 
     chain: Chain
@@ -52,11 +52,11 @@ class Call:
 
 def call_of(
     config: EnvConfig, joints: Sequence[int], pieces: int, rows: ChainParameters, crew: Crew
-) -> Call:
+) -> StepCall:
     """Return how an environment takes a piece of a step of chains with the parameters `rows`."""
     chain, cut = config.with_all_features, (config.min_substeps // pieces, config.max_rotation)
     own = _chains_of(chain, rows)
-    return Call(chain, tuple(joints), config.dt / pieces, *cut, own=own, crew=crew)
+    return StepCall(chain, tuple(joints), config.dt / pieces, *cut, own=own, crew=crew)
 
 
 def _chains_of(chain: Chain, rows: ChainParameters | None = None) -> Chains:
@@ -102,7 +102,7 @@ def _refusal(name: str, value: FloatArray) -> ValueError | None:
     return None
 
 
-def forward(call: Call, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+def forward(call: StepCall, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
     """Return all coordinates and rates, (B, m), after a step from `state`: q, u and loads."""
     begin = _state(call, state)
     reached = take(chains, begin, call.cut(chains), call.crew)
@@ -112,7 +112,7 @@ def forward(call: Call, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor
 
 
 def backward(
-    call: Call, chains: Chains, state: Sequence[Tensor], bars: Sequence[Tensor],
+    call: StepCall, chains: Chains, state: Sequence[Tensor], bars: Sequence[Tensor],
     names: Sequence[str],
 ) -> tuple[list[Tensor], dict[str, Tensor]]:  # fmt: skip
     """Return the gradient by `state` and by the parameters that are named, from `bars`.
@@ -129,13 +129,13 @@ def backward(
     return of_state, {name: torch.from_numpy(x) for name, x in by_name.items()}
 
 
-def _state(call: Call, state: Sequence[Tensor]) -> State:
+def _state(call: StepCall, state: Sequence[Tensor]) -> State:
     inputs = call.joints if call.chain.base is None else (*call.joints, call.chain.n)
     q, u, loads = (x.numpy() for x in state)
     return State(q, u, loads, np.array(inputs, np.int64))
 
 
-def _check_reached(reached: Reached, begin: State, call: Call) -> None:
+def _check_reached(reached: Reached, begin: State, call: StepCall) -> None:
     """Raise an error where a step began, or led, out of bounds."""
     if not reached.lost.any():
         return

@@ -20,10 +20,10 @@ from npend_gym.physics.directions import by_names, check_names
 from npend_gym.physics.kernels import threads
 from npend_gym.physics.step import Chains
 from npend_gym.torch.checks import DivergedError, check_bars
-from npend_gym.torch.compiled_steps import Call
+from npend_gym.torch.compiled_steps import StepCall
 
 
-def forward(call: Call, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+def forward(call: StepCall, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
     """Return theta and omega, (B, n), after a step from `state`: theta, omega and torque."""
     (theta, omega), torque = map(_copy, state[:2]), _torques(call, state)
     flags = torch.zeros_like(theta[:, 0])
@@ -36,7 +36,7 @@ def forward(call: Call, chains: Chains, state: Sequence[Tensor]) -> tuple[Tensor
 
 
 def backward(
-    call: Call, chains: Chains, state: Sequence[Tensor], bars: Sequence[Tensor],
+    call: StepCall, chains: Chains, state: Sequence[Tensor], bars: Sequence[Tensor],
     names: Sequence[str],
 ) -> tuple[list[Tensor], dict[str, Tensor]]:  # fmt: skip
     """Return the gradient by theta, omega and torque, and by the parameters that are named."""
@@ -59,14 +59,14 @@ def backward(
     return [back[0], back[1], back[2][:, call.joints]], by_name
 
 
-def _torques(call: Call, state: Sequence[Tensor]) -> Tensor:
+def _torques(call: StepCall, state: Sequence[Tensor]) -> Tensor:
     """Return the torques on all joints, (B, n)."""
     torque = torch.zeros_like(state[0], memory_format=torch.contiguous_format)
     torque[:, call.joints] = state[2]
     return torque
 
 
-def _options(call: Call, chains: Chains, like: Tensor) -> dict[str, Any]:
+def _options(call: StepCall, chains: Chains, like: Tensor) -> dict[str, Any]:
     cut = call.cut(chains)
     return {
         "substeps": cut.substeps,
@@ -82,7 +82,7 @@ def _stacked(chains: Chains, device: torch.device) -> Tensor:
     return torch.from_numpy(chains.rows.stacked()).to(device)
 
 
-def _device_chains(call: Call, chains: Chains, like: Tensor) -> DifferentiableDeviceChains:
+def _device_chains(call: StepCall, chains: Chains, like: Tensor) -> DifferentiableDeviceChains:
     drag = chains.rows.has_drag
     return _kept_chains(call.chain, len(like), drag, like.device, threading.get_ident())
 

@@ -20,7 +20,7 @@ from npend_gym.envs.inputs import checked_state
 from npend_gym.envs.keywords import with_config_keywords
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.session import ManyLanes
-from npend_gym.torch.autograd import Step, applied, uncompiled
+from npend_gym.torch.autograd import StepFunction, applied, uncompiled
 from npend_gym.torch.checks import (
     DivergedError,
     check_device,
@@ -31,7 +31,7 @@ from npend_gym.torch.checks import (
 )
 from npend_gym.torch.compiled_steps import call_of
 from npend_gym.torch.hardware import TensorMotors, TensorSensors, begun
-from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
+from npend_gym.torch.judging import Lanes, TensorState, judge, observe, with_goals
 
 
 @with_config_keywords
@@ -157,7 +157,7 @@ class DifferentiableVectorEnv(ManyLanes):
         self._calls.finish()
         return self._observation(state), self._info(state)
 
-    def _start(self, mask: Tensor, options: Any = None) -> State:
+    def _start(self, mask: Tensor, options: Any = None) -> TensorState:
         """Begin new episodes in the lanes of `mask`; return the state of all lanes."""
         config = self.config
         self._episodes.start(mask.cpu().numpy(), options)
@@ -171,7 +171,7 @@ class DifferentiableVectorEnv(ManyLanes):
         )
         motors.begin(mask)
         self._sensors.begin(mask, self._theta, self._omega)
-        state = State(self._theta, self._omega, lanes)
+        state = TensorState(self._theta, self._omega, lanes)
         energy = state.energy.detach()
         energy = torch.where(energy > 0.0, energy, lanes.lifting_energy)
         self._start_energy = torch.where(mask, energy, self._start_energy)
@@ -248,7 +248,7 @@ class DifferentiableVectorEnv(ManyLanes):
             state = self._theta, self._omega
             loads = motors.loads(piece, *state, self._lanes)
             try:
-                self._theta, self._omega = applied(Step, self._call, *state, loads)
+                self._theta, self._omega = applied(StepFunction, self._call, *state, loads)
             except DivergedError as error:
                 raise DivergedError(error.chains, self._taken) from None
 
@@ -256,7 +256,7 @@ class DifferentiableVectorEnv(ManyLanes):
         self, clipped: Tensor, fresh: Tensor | None
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Result of `step`; lanes that are `fresh` have only begun."""
-        state = State(self._theta, self._omega, self._lanes)
+        state = TensorState(self._theta, self._omega, self._lanes)
         squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._zeros(self.num_envs)
         reward, terminated, achieved = judge(self.config, state, self._start_energy, squares)
         self._age, held = self._age + 1, self._held + 1
@@ -280,14 +280,14 @@ class DifferentiableVectorEnv(ManyLanes):
             info = info | final
         return observation, reward.to(self.dtype), terminated, truncated, info
 
-    def _observation(self, state: State) -> Any:
+    def _observation(self, state: TensorState) -> Any:
         sensed = self._sensors.shown(state, self._age)
         observation = observe(self.config, sensed).to(self.dtype)
         if self.config.goal_env:
             return with_goals(observation, state)
         return observation
 
-    def _info(self, state: State) -> dict[str, Tensor]:
+    def _info(self, state: TensorState) -> dict[str, Tensor]:
         info = {
             "theta": state.theta.clone(),  # copies: what is done to them does not change the state
             "omega": state.omega.clone(),

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
-from npend_gym.torch.judging import Lanes, State
+from npend_gym.torch.judging import Lanes, TensorState
 from npend_gym.torch.laws import ALL, laws
 
 
@@ -147,7 +147,7 @@ class TensorSensors:
         if self._delays:
             self._past.add(torch.cat([q, u], dim=1))
 
-    def shown(self, state: State, age: Tensor) -> State:
+    def shown(self, state: TensorState, age: Tensor) -> TensorState:
         """Readings of the sensors of a true state, in these steps of the episodes."""
         if self._sensors is None:
             return state
@@ -165,7 +165,7 @@ class TensorSensors:
             numbers, ALL, q[:, :n], u[:, :n], noise, laws.rounds(numbers, ALL)
         )
         q, u = torch.cat([angle, q[:, n:]], dim=1), torch.cat([speed, u[:, n:]], dim=1)
-        return State(q, u, state.lanes)
+        return TensorState(q, u, state.lanes)
 
     def detach(self) -> None:
         """Cut the graph."""

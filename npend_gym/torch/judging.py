@@ -78,7 +78,7 @@ class Lanes(NamedTuple):
 
 
 @dataclass(frozen=True)
-class State:
+class TensorState:
     """Coordinates and rates, (..., c), of angles and of a cart, with what follows from them."""
 
     q: Tensor
@@ -143,7 +143,7 @@ class State:
 
 
 def judge(
-    config: EnvConfig, state: State, start_energy: Tensor, squares: Tensor
+    config: EnvConfig, state: TensorState, start_energy: Tensor, squares: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return reward, failed and achieved by the formulas of an environment's mode, (...) each.
 
@@ -164,7 +164,7 @@ def judge(
 
 
 def _quantities(
-    state: State, start_energy: Tensor, squares: Tensor, rail: float | None
+    state: TensorState, start_energy: Tensor, squares: Tensor, rail: float | None
 ) -> Quantities[Any]:
     lanes = state.lanes
     none = torch.zeros_like(start_energy)
@@ -192,7 +192,7 @@ def _quantities(
     )
 
 
-def observe(config: EnvConfig, state: State) -> Tensor:
+def observe(config: EnvConfig, state: TensorState) -> Tensor:
     """Return the observations of an environment, (..., numbers)."""
     lanes = state.lanes
     shown = {"speeds": state.omega, "goals": lanes.goals, "context": lanes.context}
@@ -207,7 +207,7 @@ def observe(config: EnvConfig, state: State) -> Tensor:
     return torch.cat([shown[name] for name in config.columns], dim=-1)
 
 
-def with_goals(observation: Tensor, state: State) -> dict[str, Tensor]:
+def with_goals(observation: Tensor, state: TensorState) -> dict[str, Tensor]:
     """Return observations with what has been achieved, and what is desired, as a `goal_env`."""
     lanes = state.lanes
     kinetic = (state.kinetic_energy / lanes.lifting_energy).clamp(max=MAX_KINETIC_ENERGY)

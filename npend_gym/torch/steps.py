@@ -12,9 +12,9 @@ from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
 from npend_gym.physics.arguments import checked_joints
 from npend_gym.physics.ensemble import check_rigid
-from npend_gym.torch.autograd import Step, applied, uncompiled
+from npend_gym.torch.autograd import StepFunction, applied, uncompiled
 from npend_gym.torch.checks import as_tensors
-from npend_gym.torch.compiled_steps import Call
+from npend_gym.torch.compiled_steps import StepCall
 
 
 @uncompiled
@@ -96,8 +96,8 @@ def step(
     sizes: dict[str, int | None] = {"theta": m, "omega": m, "torque": inputs}
     sizes |= {name: None if name == "gravity" else chain.n for name in given}
     leading, flat = _broadcast(sizes, wide)
-    call = Call(chain, listed, dt, substeps, names=tuple(given))
-    after = applied(Step, call, *flat)
+    call = StepCall(chain, listed, dt, substeps, names=tuple(given))
+    after = applied(StepFunction, call, *flat)
     reached, velocity = (x.reshape(*leading, m).to(dtype) for x in after)
     return reached, velocity
 

@@ -1,7 +1,7 @@
 """The loop of a motion, or of WIDTH in a pack with steps of their own; its observers.
 
 An *observer* looks at each step that is taken, and may end the motions it has seen enough of:
-`Frames` keeps states and steps, `Flips` waits for a rod that turns over, `Release` for the turning
+`Frames` keeps states and steps, `Flips` waits for a rod that turns over, `Releases` for the turning
 points of all bobs.
 """
 
@@ -26,7 +26,7 @@ from npend_gym.compiled.jit import (
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.methods import Method, attempt, prepare_dense, start
-from npend_gym.physics.kernels.releases import Release, observe_release
+from npend_gym.physics.kernels.releases import Releases, observe_release
 from npend_gym.physics.kernels.solver import (
     DONE,
     RUNNING,
@@ -61,7 +61,7 @@ class Flips(NamedTuple):
     instants: FloatArray  # (lanes,)
 
 
-Observer = Frames | Flips | Release
+Observer = Frames | Flips | Releases
 
 
 @inlined_kernel
@@ -165,7 +165,7 @@ def _observe_flips(
 
 
 @chosen_by_type(
-    "observer", {Frames: _observe_frames, Flips: _observe_flips, Release: observe_release}
+    "observer", {Frames: _observe_frames, Flips: _observe_flips, Releases: observe_release}
 )
 def _observe(
     view: NumbersOf, width: int, solver: Solver, problem: Problem, method: Method, taken: bool,

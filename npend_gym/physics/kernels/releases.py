@@ -33,7 +33,7 @@ from npend_gym.physics.kernels.turning_points import (
     LINK,
     Interval,
     Record,
-    Rule,
+    TurningRule,
     follow_interval,
     latest_sign,
     may_turn,
@@ -47,7 +47,7 @@ _SUBINTERVALS = 4  # of a step; at these tolerances a step is about a radian of 
 _ROOT_TOLERANCE = 1e-11  # s
 
 
-class Release(NamedTuple):
+class Releases(NamedTuple):
     """Releases, each of which ends when all its rods have completed their pseudo-period."""
 
     definition: int
@@ -95,7 +95,7 @@ class _Dense(NamedTuple):
 
     i: int
     solver: Solver
-    release: Release
+    release: Releases
     rods: Rods
 
 
@@ -161,7 +161,7 @@ def _along_rod(
 
 
 @inlined_kernel
-def _signals_around(solver: Solver, x: float, last: int, release: Release, rods: Rods) -> None:
+def _signals_around(solver: Solver, x: float, last: int, release: Releases, rods: Rods) -> None:
     """Write signal and slope of rods 0 to `last` around the pivot at fraction `x` of the step."""
     record, signal, slope = release.record, release.scratch[_SIGNAL], release.scratch[_SLOPE]
     of_com, velocities = release.definition == COM_AROUND, solver.y.size // 2
@@ -182,7 +182,7 @@ def _signals_around(solver: Solver, x: float, last: int, release: Release, rods:
 
 
 @inlined_kernel
-def _signal_of_com(solver: Solver, x: float, release: Release, rods: Rods) -> None:
+def _signal_of_com(solver: Solver, x: float, release: Releases, rods: Rods) -> None:
     """Write signal and slope of the centre of mass at fraction `x` of the step.
 
     Each rod moves what its end carries, and its own mass as far as its centre is out.
@@ -198,7 +198,9 @@ def _signal_of_com(solver: Solver, x: float, release: Release, rods: Rods) -> No
 
 
 @inner_kernel
-def _signals(solver: Solver, x: float, first: int, last: int, release: Release, rods: Rods) -> None:
+def _signals(
+    solver: Solver, x: float, first: int, last: int, release: Releases, rods: Rods
+) -> None:
     """Write signal and slope of rods `first` to `last` at fraction `x` of the step.
 
     A bob's motion is the sum over the rods above it: except for LINK, `first` must be 0.
@@ -234,11 +236,13 @@ def _dense_at(motion: _Dense, x: float) -> tuple[float, float]:
 
 
 @inner_kernel
-def _follow_marked(solver: Solver, left: float, right: float, release: Release, rods: Rods) -> None:
+def _follow_marked(
+    solver: Solver, left: float, right: float, release: Releases, rods: Rods
+) -> None:
     """Follow the marked rods of one chain from fraction `left` of the step to `right`."""
     t, h = solver.clock[0], solver.clock[1] - solver.clock[0]
     record, scratch = release.record, release.scratch
-    rule = Rule(release.definition, release.threshold[0], _ROOT_TOLERANCE / h)
+    rule = TurningRule(release.definition, release.threshold[0], _ROOT_TOLERANCE / h)
     for i in range(record.period.size):
         if scratch[_MARKED, i] != 0.0:
             interval = Interval(
@@ -250,7 +254,7 @@ def _follow_marked(solver: Solver, left: float, right: float, release: Release, 
 
 
 @inlined_kernel
-def _mark(solver: Solver, right: float, taken: bool, release: Release, rods: Rods) -> bool:
+def _mark(solver: Solver, right: float, taken: bool, release: Releases, rods: Rods) -> bool:
     """Take signals and slopes at fraction `right` of the steps that were `taken`.
 
     Mark the rods that may turn between the fraction looked at before and this one; return whether
@@ -275,7 +279,7 @@ def _mark(solver: Solver, right: float, taken: bool, release: Release, rods: Rod
 @inlined_kernel
 def observe_release(
     view: NumbersOf, width: int, solver: Solver, problem: Problem, method: Method, taken: bool,
-    observer: Release, status: FloatArray,
+    observer: Releases, status: FloatArray,
 ) -> None:  # fmt: skip
     """Look for turning points in a step that the lanes in `taken` have taken."""
     release, rods, state = view(observer), _rods_of(problem.chain), view(status)

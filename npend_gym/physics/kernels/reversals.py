@@ -25,7 +25,7 @@ from npend_gym.physics.kernels.turning_points import (
     Cubic,
     Interval,
     Record,
-    Rule,
+    TurningRule,
     cubic_at,
     follow_interval,
 )
@@ -199,7 +199,7 @@ def _follow_chain(
             scratch[Scratch.ACCELERATION_END],
         )  # fmt: skip
     n, record, completed = chain.velocity.size, chain.record, 0
-    h, rule = scratch[Scratch.DURATION, 0], Rule(BOB, threshold, _ROOT_TOLERANCE)
+    h, rule = scratch[Scratch.DURATION, 0], TurningRule(BOB, threshold, _ROOT_TOLERANCE)
     t += scratch[Scratch.SINCE, 0]
     for i in range(n + 1):
         if scratch[Scratch.MARKED, i] == 1.0 and h > 0.0:

@@ -60,7 +60,7 @@ class Record(NamedTuple):
     per_rod: FloatArray
 
 
-class Rule(NamedTuple):
+class TurningRule(NamedTuple):
     """What counts as a turning point."""
 
     definition: int
@@ -152,7 +152,7 @@ def find_root(
 
 @inner_kernel
 def _update_record(
-    rule: Rule, record: Record, i: int, t: float, signal: float, at_extremum: bool
+    rule: TurningRule, record: Record, i: int, t: float, signal: float, at_extremum: bool
 ) -> None:
     """Update the record of rod `i` with the value of its signal at time `t`."""
     sign = record.sign[i]
@@ -196,7 +196,7 @@ def may_turn(
 
 @spliced_kernel
 def follow_interval(
-    evaluate: Any, motion: Any, rule: Rule, interval: Interval, record: Record, i: int
+    evaluate: Any, motion: Any, rule: TurningRule, interval: Interval, record: Record, i: int
 ) -> None:
     """Update the record of rod `i` with its turning points in the interval."""
     left, signal = interval.left, interval.signal_left

@@ -31,7 +31,7 @@ _RUNS_CODE = (".zip",)  # pickles
 _SHIPPED = {"swingup-2-bench": "swingup-2-robust"}  # of tasks without a policy of their name
 
 
-class Models(NamedTuple):
+class RunModels(NamedTuple):
     """The models of one run by their tasks, and from where they are."""
 
     models: dict[str, Any]
@@ -235,7 +235,7 @@ def read_models(
     algorithm: str | None = None,
     trust: bool = False,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
-) -> dict[int, Models]:
+) -> dict[int, RunModels]:
     """Return the models of each run for the tasks of a suite.
 
     Parameters
@@ -262,7 +262,7 @@ def read_models(
             own["sha256"] = {
                 name: _files.sha256(pretrained_path(name)) for name in _shipped(tasks).values()
             }
-        return {0: Models(_named(source, suite, progress), own)}
+        return {0: RunModels(_named(source, suite, progress), own)}
     read = partial(read_model, algorithm=algorithm, trust=trust)
     if folder.is_dir():
         runs = {int(each.name): each for each in folder.iterdir() if each.name.isdecimal()}
@@ -274,13 +274,13 @@ def read_models(
         return {0: _of_files([folder], tasks, read, folder)}
     function = read(source)
     if isinstance(function, Mapping):
-        return {0: Models(dict(cast("Mapping[str, Any]", function)), {"from": source})}
-    return {0: Models(dict.fromkeys(tasks, function), {"from": source})}
+        return {0: RunModels(dict(cast("Mapping[str, Any]", function)), {"from": source})}
+    return {0: RunModels(dict.fromkeys(tasks, function), {"from": source})}
 
 
 def _of_files(
     files: Iterable[Path], tasks: Mapping[str, BenchmarkTask], read: Any, where: Path
-) -> Models:
+) -> RunModels:
     """Return the models in files whose names are those of the tasks."""
     own = [file for file in files if file.stem in tasks]
     models = {
@@ -291,7 +291,9 @@ def _of_files(
             f"model must have a file for a task, {', '.join(tasks)}, that ends in "
             f"{', '.join(SUFFIXES)}; got {where}"
         )
-    return Models(models, {"from": where.name, "sha256": {f.name: _files.sha256(f) for f in own}})
+    return RunModels(
+        models, {"from": where.name, "sha256": {f.name: _files.sha256(f) for f in own}}
+    )
 
 
 def _named(

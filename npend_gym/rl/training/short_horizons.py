@@ -33,7 +33,7 @@ from npend_gym.rl.evaluation.disturbances import holding_torques
 from npend_gym.rl.evaluation.performance import UP
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.training.tasks import observation_scale
-from npend_gym.torch.judging import Lanes, State, judge, observe
+from npend_gym.torch.judging import Lanes, TensorState, judge, observe
 
 # Of `Lanes`, beside the chains
 _OF_LANES = (
@@ -104,9 +104,9 @@ class TensorTask:
         parts = zip(context.split(widths, dim=-1), self._parts, strict=True)
         return self._with([part if like.ndim > 1 else part[..., 0] for part, like in parts])
 
-    def _state(self, states: torch.Tensor, context: torch.Tensor) -> State:
+    def _state(self, states: torch.Tensor, context: torch.Tensor) -> TensorState:
         q, u = states.chunk(2, dim=-1)
-        return State(q, u, self._lanes(context), _sincos)
+        return TensorState(q, u, self._lanes(context), _sincos)
 
     def observe(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return the observations, (..., inputs), over their scale."""
