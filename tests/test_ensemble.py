@@ -230,7 +230,7 @@ def with_parameters(**parameters):
         (lambda: with_parameters(gear=np.full((1, 3), np.nan)), "gear must be finite"),
         (
             lambda: with_parameters(lengths=np.ones((2, 3))),
-            r"lengths of shape \(1, 3\), .* \(2, 3\)",
+            r"lengths must have the shape \(1, 3\), .* \(2, 3\)",
         ),
         (lambda: ensemble().advance(0.0, 0.1, force=1.0), r"force must be 0 .* base=Cart\(mass\)"),
         (lambda: ensemble().set_state(0, 0.1, cart=(0, 1)), r"cart must be 0 .* base=Cart\(mass\)"),

@@ -72,7 +72,7 @@ def test_what_is_no_description_is_refused_by_its_path(text, message, tmp_path):
         ({"dt": -1.0}, "dt must be greater"),
         ({"dt": 1e6}, "dt must be at most 100"),
         ({"render_mode": "human"}, "render_mode"),
-        ({"max_episode_steps": 3}, "max_episode_steps"),
+        ({"max_episode_steps": 0}, "max_episode_steps"),
         ({"mode": "os:system"}, "trust=True"),
         ({"mode": 3}, "mode must be one of"),
         ({"actuated": [0, 1]}, "2 motors"),

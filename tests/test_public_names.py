@@ -20,7 +20,7 @@ STUBS = {
 INSIDE = {
     "benchmarks": {
         "compiled.arrays", "compiled.jit", "compiled.packs", "experiments.campaign.task",
-        "physics.kernels.dynamics", "physics.kernels.link_terms", "physics.kernels.rk4",
+        "physics.kernels.dynamics", "physics.kernels.member_rows", "physics.kernels.rk4",
         "physics.kernels.tensions", "physics.step",
     },
     "paper": set(),
