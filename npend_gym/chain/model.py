@@ -266,9 +266,7 @@ class Chain(NamedChains):
         if self.stiffness is not None:
             plain["stiffness"] = self.stiffness.tolist()
             plain["axial_damping"] = self.axial_damping.tolist()
-        if self.base is not None:
-            plain["base"] = self.base.as_dict()
-        return plain
+        return plain if self.base is None else {**plain, "base": self.base.as_dict()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Chain:
