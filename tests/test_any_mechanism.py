@@ -80,7 +80,14 @@ def scaled(found, expected):
     return np.abs(found - expected).max() / max(np.abs(expected).max(), 1.0)
 
 
-@pytest.mark.parametrize("features", COMBINATIONS, ids="-".join)
+@pytest.mark.parametrize(
+    "features",
+    [  # whose kernels take long to compile
+        pytest.param(features, marks=pytest.mark.long) if "springs" in features else features
+        for features in COMBINATIONS
+    ],
+    ids="-".join,
+)
 def test_any_mechanism_moves_and_is_linearised_as_its_lagrangian_says(features):
     state = chain, q, u, loads, acceleration = case(features)
     given = keywords(*state)

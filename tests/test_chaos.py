@@ -33,8 +33,8 @@ DRY = {"duration": 20.0}, {"rtol": 0.1, "atol": 0.2}
         (Chain.uniform(2, damping=0.3), 0.0, *DAMPED),
         (Chain.uniform(2, damping=0.3), 0.3, *DAMPED),
         (Chain.uniform(3, damping=0.5), 0.5, *DAMPED),
-        (Chain([1.0], [0.3], friction=1.0), 0.0, *DRY),
-        (Chain.realaigym("C.1"), 0.0, *DRY),
+        pytest.param(Chain([1.0], [0.3], friction=1.0), 0.0, *DRY, marks=pytest.mark.long),
+        pytest.param(Chain.realaigym("C.1"), 0.0, *DRY, marks=pytest.mark.long),
     ],
 )
 def test_exponents_of_a_chain_that_comes_to_rest_are_its_decay_rates(
@@ -62,6 +62,7 @@ def test_exponents_of_a_damped_chain_add_up_to_the_mean_divergence_of_its_flow(d
     assert found.exponents.sum() == pytest.approx(mean, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["cart", "springs"])
 def test_no_exponent_depends_on_the_unit_of_length(kind):
     found = []

@@ -37,7 +37,9 @@ def episode(env, steps=6, options=None, seed=3):
     return [*shown, *(env.step(np.full(shape, 0.9 * (-1.0) ** (k // 2)))[0] for k in range(steps))]
 
 
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(k, marks=pytest.mark.long) if "delay" in k else k for k in SETTINGS]
+)
 def test_an_episode_with_an_option_is_that_of_an_environment_made_with_it(name):
     high, low, more = SETTINGS[name]
     env = NPendulumEnv(n=2, **more, **{name: high})

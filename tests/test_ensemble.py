@@ -122,6 +122,7 @@ def test_a_member_that_diverges_keeps_its_last_finite_state_until_another_is_set
     assert not many.diverged.any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1, 3])
 def test_a_cart_may_be_anywhere_at_any_speed_and_diverges_where_it_is_not_finite(size):
     near, far = (DifferentiableEnsemble(Chain.uniform(2, base=Cart(1.0)), size) for _ in "12")

@@ -69,12 +69,13 @@ KINDS = {
     "a mode of one's own": {"n": 2, "mode": Lift()},
     "a release": {"n": 3, "mode": "passive"},
 }
+SLOW = "links", "a cart", "pieces of a step"  # to compile
 
 
 @pytest.mark.parametrize("lanes", [1, 3])
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(k, marks=pytest.mark.long) if k in ("links", "a cart") else k for k in KINDS],
+    [pytest.param(k, marks=pytest.mark.long) if k in SLOW else k for k in KINDS],
 )
 def test_to_measure_changes_no_bit_of_what_is_shown(kind, lanes):
     with_periods, without = (

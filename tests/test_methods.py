@@ -197,7 +197,7 @@ def test_derivatives_of_symplectic_steps_are_those_of_differences(kind):
         assert np.sum(back.by_parameters[name]) == pytest.approx(along, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("method", ["tsit5", "gauss6"])
+@pytest.mark.parametrize("method", ["tsit5", pytest.param("gauss6", marks=pytest.mark.long)])
 def test_events_signals_and_files_go_with_every_method(method, tmp_path):
     options = {"rtol": 1e-11, "atol": 1e-13} if method == "tsit5" else {"dt": 0.01}
     chain, pushed = CHAINS["bobs"], Signal([0.0, 0.55, 1.3, 9.0], [0.1, -0.4, 0.3, 0.0])
