@@ -134,13 +134,13 @@ def test_quantities_are_those_of_the_links():
     now, down, up = (centre_of_mass(CHAIN, at)[1] for at in (theta, 0.0 * theta, np.full(3, np.pi)))
     unit = CHAIN.lifting_energy
     tip = positions(CHAIN, theta)[-1, 1] / CHAIN.total_length
-    assert quantities.height[0] == pytest.approx((now - down) / (up - down), rel=1e-12)
-    assert quantities.tip[0] == pytest.approx(tip, rel=1e-12)
-    assert quantities.energy[0] == pytest.approx(
+    assert quantities.height == pytest.approx((now - down) / (up - down), rel=1e-12)
+    assert quantities.tip == pytest.approx(tip, rel=1e-12)
+    assert quantities.energy == pytest.approx(
         total_energy(CHAIN, theta, omega) / unit, rel=1e-12
     )
     kinetic = kinetic_energy(CHAIN, theta, omega) / unit
-    assert quantities.kinetic_energy[0] == pytest.approx(kinetic, rel=1e-12)
+    assert quantities.kinetic_energy == pytest.approx(kinetic, rel=1e-12)
 
 
 def test_options_change_the_chain_for_one_episode():

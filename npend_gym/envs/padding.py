@@ -107,7 +107,7 @@ class PadRods(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     >>> from npend_gym.envs import PadRods
     >>> env = PadRods(gym.make("npend/Balance-v1", n=1), n_max=2)
     >>> env.reset(seed=0)[0].round(3)  # two sines, two cosines, two velocities, the mask
-    array([ 0.002,  0.   , -1.   ,  0.   ,  0.003,  0.   ,  1.   ,  0.   ],
+    array([ 0.02 ,  0.   , -1.   ,  0.   , -0.002,  0.   ,  1.   ,  0.   ],
           dtype=float32)
     """
 

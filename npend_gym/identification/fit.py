@@ -19,6 +19,7 @@ from npend_gym.identification.moving_pivot import with_position
 from npend_gym.identification.parameters import INERTIA, LIFT, OFFSET, new_model
 from npend_gym.identification.plausibility import (
     DOUBTED,
+    LEVEL,
     check_explained,
     check_readings,
     check_units,
@@ -308,7 +309,7 @@ class FitProblem:
         training, held = split(blocks, self.held_out)
         longest = max(float(np.ptp(motion.times[rows])) for rows in training)
         fitted, duration = self._lengthen(training)
-        doubted = fitted.scatter > DOUBTED * spread_of(motion)
+        doubted = DOUBTED * spread_of(motion) < fitted.scatter < 2.0 * LEVEL
         if self.open and doubted and not motion.driven:  # errors of torques look like offsets
             fitted, duration = self._with_offset(training, fitted, duration)
         check_explained(motion, model, fitted, duration, longest)

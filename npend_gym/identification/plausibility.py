@@ -28,7 +28,7 @@ _ROUGHLY = 8  # iterations of a fit of other angles: a better meaning shows at o
 _LEAST_DEGREES = 2.0  # the largest angle of a swing that is measured in degrees, at least
 # times smaller are the errors of angles that were taken wrongly; integrals have less noise anyway
 _BETTER, _RATES_BETTER = 1.5, 5.0
-_LEVEL = 0.35  # rad; angles that are off by more are so on purpose
+LEVEL = 0.35  # rad; angles that are off by more are so on purpose
 _AIR = 1.2  # kg/m^3, its density
 _OUTSIDE, _FAR = 2.0, 10.0  # lengths of a link, between its joint and its centre
 _TOO_LARGE = 2.0  # times the inertia that the given masses can have in a link of its length
@@ -168,7 +168,7 @@ def is_off(found: Fit, before: Fit, model: FitModel, *, longer: bool) -> bool:
     `found` has offsets, which `before` has not. It may have `longer` segments.
     """
     better = found.rmse * (1.0 if longer else _BETTER) < before.rmse
-    return better and bool(np.abs(model.unpack(found.solution.fitted)[OFFSET]).max() < _LEVEL)
+    return better and bool(np.abs(model.unpack(found.solution.fitted)[OFFSET]).max() < LEVEL)
 
 
 def say_offsets(offsets: FloatArray) -> None:

@@ -243,7 +243,7 @@ def _split(lines: Sequence[str], separator: str | None) -> Table | None:
         return None
     columns = dict(zip(numbers, np.array([values[k] for k in used], np.float64).T, strict=True))
     for k in set(range(width)) - set(numbers):
-        instants = _instants([rows[row][k] for row in used])
+        instants = _instants([rows[row][k] if k < len(rows[row]) else "" for row in used])
         columns |= {} if instants is None else {k: instants}
     if not heads:
         unnamed = [Column(str(k + 1), column) for k, column in columns.items()]
