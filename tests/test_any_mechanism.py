@@ -114,7 +114,14 @@ def test_any_mechanism_moves_and_is_linearised_as_its_lagrangian_says(features):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("features", COMBINATIONS, ids="-".join)
+@pytest.mark.parametrize(
+    "features",
+    [
+        pytest.param(features, marks=pytest.mark.nightly) if 3 < len(features) < 6 else features
+        for features in COMBINATIONS
+    ],
+    ids="-".join,
+)
 def test_gradients_of_any_mechanism_by_all_its_parameters_are_those_of_complex_steps(features):
     chain, q, u, loads, acceleration = case(features, n=2, seed=1)
     h = 1e-3

@@ -116,7 +116,10 @@ def test_the_suite_of_chaos_measures_the_symmetry_of_the_flow():
 
 @pytest.mark.long
 @pytest.mark.usefixtures("short_rounds")
-@pytest.mark.parametrize("suite", [dynamics, environments, episodes, derivatives])
+@pytest.mark.parametrize(
+    "suite",
+    [dynamics, environments, episodes, pytest.param(derivatives, marks=pytest.mark.nightly)],
+)
 def test_suites_compare_positive_rates(suite, monkeypatch):
     monkeypatch.setattr(episodes, "MANY", 64)
     monkeypatch.setattr(episodes, "LANES", 8)

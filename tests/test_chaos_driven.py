@@ -142,10 +142,10 @@ def link_rates(size):
 @pytest.mark.parametrize(
     ("chain", "rates", "name", "rate", "size", "chaotic"),
     [
-        (CART, cart_rates, "force", 1.0, 1.5, False),
+        pytest.param(CART, cart_rates, "force", 1.0, 1.5, False, marks=pytest.mark.nightly),
         (CART, cart_rates, "force", 1.0, 2.5, True),
         (LINK, link_rates, "torque", 0.7, 0.3, False),
-        (LINK, link_rates, "torque", 0.7, 0.4, True),
+        pytest.param(LINK, link_rates, "torque", 0.7, 0.4, True, marks=pytest.mark.nightly),
     ],
 )
 def test_exponents_of_a_driven_cart_and_of_a_driven_link_with_friction(

@@ -6,7 +6,15 @@ import pytest
 from matrices import REFERENCE
 
 MATRICES = {"mechanisms": composition.MATRIX, "environments": env_composition.MATRIX}
-LONG = [(name, row) for name, matrix in MATRICES.items() for row in matrix.rows]
+DEAR = {  # whose cells `.ci/nightly` tries alone
+    "robustness", "imitation", "imitation with drawn chains", "many motions, rk4",
+    "torque as a function, rk4", "gradient, dop853", "sensitivities, rk4",
+}  # fmt: skip
+LONG = [
+    pytest.param(name, row, marks=pytest.mark.nightly if row in DEAR else ())
+    for name, matrix in MATRICES.items()
+    for row in matrix.rows
+]
 # Kinds with the most features. An ability is tried with these and one of the others in turn;
 # `.ci/nightly` tries all.
 RICH = {

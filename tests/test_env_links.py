@@ -136,9 +136,7 @@ def test_quantities_are_those_of_the_links():
     tip = positions(CHAIN, theta)[-1, 1] / CHAIN.total_length
     assert quantities.height == pytest.approx((now - down) / (up - down), rel=1e-12)
     assert quantities.tip == pytest.approx(tip, rel=1e-12)
-    assert quantities.energy == pytest.approx(
-        total_energy(CHAIN, theta, omega) / unit, rel=1e-12
-    )
+    assert quantities.energy == pytest.approx(total_energy(CHAIN, theta, omega) / unit, rel=1e-12)
     kinetic = kinetic_energy(CHAIN, theta, omega) / unit
     assert quantities.kinetic_energy == pytest.approx(kinetic, rel=1e-12)
 

@@ -80,6 +80,7 @@ def test_the_true_values_lie_within_their_standard_errors():
     assert result.chain.inertias == pytest.approx(TRUE.inertias, rel=0.02)
 
 
+@pytest.mark.nightly
 def test_standard_errors_cover_errors_that_last_and_white_noise_alike():
     """Noise of an AR(1) process that lasts for a fifth of a recording, and white noise."""
     for memory, least in ((0.0, 0.55), (0.9, 0.55)):
@@ -99,6 +100,7 @@ def test_standard_errors_cover_errors_that_last_and_white_noise_alike():
         assert (0.5 if memory else 0.6) < np.sqrt(np.mean(np.square(scaled))) < 1.4
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore:standard errors are large", "ignore:the fit found")
 def test_two_recordings_of_one_robot_agree_within_their_standard_errors():
     found = []

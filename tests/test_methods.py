@@ -23,8 +23,13 @@ CHAINS = {
         stiffness=[200.0, 300.0], **BODIES,
     ),
 }  # fmt: skip
+BY_NIGHT = [pytest.mark.long, pytest.mark.nightly]  # "all" has what they have
 each_kind = pytest.mark.parametrize(
-    "kind", [k if k == "bobs" else pytest.param(k, marks=pytest.mark.long) for k in CHAINS]
+    "kind",
+    [
+        pytest.param(k, marks={"bobs": [], "all": [pytest.mark.long]}.get(k, BY_NIGHT))
+        for k in CHAINS
+    ],
 )
 SYMPLECTIC = "midpoint", "gauss4", "gauss6"
 

@@ -141,7 +141,13 @@ def fuzz(examples, number=0, *, extras=False):
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # Gymnasium's own, about what is done to its environments
-@pytest.mark.parametrize("extras", [False, True], ids=["usual keywords", "any keywords"])
+@pytest.mark.parametrize(
+    "extras",
+    [
+        pytest.param(False, id="usual keywords"),
+        pytest.param(True, id="any keywords", marks=pytest.mark.nightly),
+    ],
+)
 def test_calls_in_any_order_are_answered_or_refused_as_declared(extras):
     calls = number = 0
     while calls < CALLS:

@@ -51,7 +51,9 @@ def test_the_profile_falls_from_tip_to_pivot_and_has_the_known_values():
     np.testing.assert_allclose(near, profile[0, -1], atol=1e-8)
 
 
-@pytest.mark.parametrize("n", [100, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "n", [100, pytest.param(1000, marks=[pytest.mark.long, pytest.mark.nightly])]
+)
 def test_a_long_chain_in_small_motion_turns_like_a_hanging_rope(n):
     chain = Chain.uniform(n)
     ratio = theory.small_angle_periods(chain) / theory.fundamental_period(chain)

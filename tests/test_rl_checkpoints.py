@@ -77,7 +77,10 @@ class StoppedCheckpoint(Checkpoint):
                 raise StoppedError  # after the round, before it is written
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(k, marks=pytest.mark.nightly) if "SPRING" in k else k for k in RUNS],
+)
 def test_a_run_that_was_stopped_ends_as_one_that_was_not(name, tmp_path):
     trainer, settings = RUNS[name]
     whole, curve = trainer.train(settings)

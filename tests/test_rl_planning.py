@@ -283,7 +283,7 @@ def test_links_swing_up_by_a_plan_without_further_arguments(keywords):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("mode", ["balance", "calm"])
+@pytest.mark.parametrize("mode", [pytest.param("balance", marks=pytest.mark.nightly), "calm"])
 def test_a_plan_swings_up_in_the_steps_of_any_mode_where_that_takes_longer_too(mode):
     config = EnvConfig(n=2, mode=mode)
     plan = planned_transition(config, 0.0, np.pi)

@@ -77,7 +77,7 @@ def test_the_limits_of_small_angles_are_those_of_the_notes():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("n", [20, 100, 1000])
+@pytest.mark.parametrize("n", [20, 100, pytest.param(1000, marks=pytest.mark.nightly)])
 def test_differences_from_the_profile_are_those_of_the_notes(n):
     chain = Chain.uniform(n)
     ratio = theory.small_angle_periods(chain) / theory.fundamental_period(chain)

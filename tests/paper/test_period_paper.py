@@ -63,6 +63,7 @@ def test_early_bobs_are_those_that_are_computed_now():
         assert values == [format(row[name], each) for name, each in form.items()], n
 
 
+@pytest.mark.nightly
 @pytest.mark.long
 def test_no_reading_of_the_error_is_nearer_to_the_tables_than_the_one_that_is_kept():
     """A reading that is farther away in one cell of the tables is not tried in the others."""
