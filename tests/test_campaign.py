@@ -628,6 +628,7 @@ def test_sigterm_while_the_folder_is_checked_is_one_line_and_exit_code_143(
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
+@pytest.mark.nightly
 @pytest.mark.long
 def test_a_campaign_whose_drivers_and_workers_are_killed_ends_with_the_same_bytes(
     monkeypatch, capsys

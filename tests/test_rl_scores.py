@@ -230,6 +230,7 @@ def test_a_joint_that_has_turned_twice_is_turned_back_twice():
     np.testing.assert_allclose(torque, [[-1.0], [1.0]], atol=1e-9)
 
 
+@pytest.mark.nightly
 def test_the_score_is_the_one_in_realaigyms_own_simulator():
     """Their simulator's scores are those that `benchmarks/realaigym.py` measured."""
     rows = list(csv.DictReader(RESULTS.read_text().splitlines()))
