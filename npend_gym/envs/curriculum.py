@@ -160,7 +160,8 @@ class Curriculum(Levels, gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         return observation, reward, terminated, truncated, info | {"level": self._begun_at}
 
 
-class VectorCurriculum(Levels, VectorWrapper[Any, Any, Any]):
+# Gymnasium 1.1 knows no types of a vector wrapper
+class VectorCurriculum(Levels, VectorWrapper):  # pyright: ignore[reportMissingTypeArgument]
     """Makes the episodes of a vector environment harder, level by level.
 
     As `Curriculum`, with one level for all sub-environments. Episodes go on at their level, which

@@ -133,7 +133,8 @@ class PadRods(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
         return self._padding.padded(observation), *outcome  # type: ignore[return-value]
 
 
-class VectorPadRods(VectorActionWrapper[Any, Any, Any], VectorObservationWrapper[Any, Any, Any]):
+# Gymnasium 1.1 knows no types of vector wrappers
+class VectorPadRods(VectorActionWrapper, VectorObservationWrapper):  # pyright: ignore[reportMissingTypeArgument]
     """`PadRods` for a native vector environment; `evaluate` applies it too.
 
     Parameters
