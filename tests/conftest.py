@@ -82,6 +82,18 @@ def uneven():
 
 
 @pytest.fixture
+def written(tmp_path):
+    """A function that writes text or bytes to a file and returns its path."""
+
+    def write(content, name="file.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture
 def refusal(capsys):
     """A function that runs a command with bad arguments, and returns its one line of error."""
 

@@ -11,9 +11,9 @@ from test_identification import DATA, TRUE, recorded
 from npend_gym import Chain, identify, simulate, theory
 from npend_gym.cli import main
 from npend_gym.identification import Identification, read_motion
-from npend_gym.identification.fit import FitProblem
 from npend_gym.identification.motion import check_motion
 from npend_gym.identification.parameters import new_model, values_of
+from npend_gym.identification.problem import FitProblem
 from npend_gym.identification.stages import hold_out
 from npend_gym.identification.uncertainty import undetermined
 from npend_gym.report.identification_report import identification_text

@@ -143,18 +143,6 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def written(tmp_path):
-    """A function that writes text or bytes to a file and returns its path."""
-
-    def write(content, name="file.csv"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_a_layout_of_a_public_file_is_read_as_the_motion_in_it(case, written):
     content, name, truth, within, said = CASES[case]

@@ -152,18 +152,6 @@ CASES = {
 }
 
 
-@pytest.fixture
-def written(tmp_path):
-    """A function that writes text or bytes to a file and returns its path."""
-
-    def write(content, name="file.csv"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_the_motion_in_a_file_of_another_program_is_read_without_a_flag(case, written):
     content, truth, said, within = CASES[case]

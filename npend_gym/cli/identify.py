@@ -85,7 +85,7 @@ def run(
     out : folder, optional
         Write fit.json (the chain), identification.json, residuals.csv and figures there.
     """
-    from npend_gym.identification.fit import FitProblem
+    from npend_gym.identification.problem import FitProblem
     from npend_gym.report import identification_report as report
 
     single = {"lengths": lengths, "masses": masses, "centres": centres, "gravity": gravity}

@@ -8,7 +8,7 @@ import numpy as np
 
 from npend_gym.chain import Chain, check_chain
 from npend_gym.export.mjcf import check_known, inertia_of, returns_text, text_of
-from npend_gym.export.urdf import LACKS, MIN_INERTIA
+from npend_gym.export.urdf import LACKS, MIN_INERTIA, turning_inertia
 
 
 @returns_text
@@ -49,22 +49,13 @@ def to_sdf(chain: Chain) -> str:
     parent = "world"
     if chain.base is not None:
         _link(model, "cart_link", 0.0, chain.base.mass, 0.0, max(inertia_of(chain, 0), MIN_INERTIA))
-        _joint(
-            model,
-            "cart",
-            "prismatic",
-            parent,
-            "cart_link",
-            (1.0, 0.0, 0.0),
-            chain.base.damping,
-            0.0,
-        )
+        axis = 1.0, 0.0, 0.0
+        _joint(model, "cart", "prismatic", parent, "cart_link", axis, chain.base.damping, 0.0)
         parent = "cart_link"
     heights = np.append(0.0, -np.cumsum(chain.lengths))
     for i in range(chain.n):
         child = f"link{i}"
-        rotor = 0.0 if i else float(chain.armature[0])  # turns as link 0 does
-        inertia = max(inertia_of(chain, i) + rotor, MIN_INERTIA)
+        inertia = turning_inertia(chain, i)
         _link(model, child, heights[i], chain.masses[i], chain.centres[i], inertia)
         losses = chain.damping[i], chain.friction[i]
         _joint(model, f"joint{i}", "revolute", parent, child, (0.0, -1.0, 0.0), *losses)
@@ -87,8 +78,8 @@ def _link(
     _text(inertial, "pose", 0.0, 0.0, -centre, 0.0, 0.0, 0.0)
     _text(inertial, "mass", mass)
     about = ET.SubElement(inertial, "inertia")
-    for name_of, value in (("ixx", inertia), ("iyy", inertia), ("izz", inertia)):
-        _text(about, name_of, value)
+    for moment in ("ixx", "iyy", "izz"):
+        _text(about, moment, inertia)
 
 
 def _joint(

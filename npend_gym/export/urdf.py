@@ -59,15 +59,22 @@ def to_urdf(chain: Chain) -> str:
         parent = "cart"
     for i in range(chain.n):
         child = f"link{i}"
-        rotor = 0.0 if i else float(chain.armature[0])  # turns as link 0 does
-        inertia = max(inertia_of(chain, i) + rotor, MIN_INERTIA)
-        _link(root, child, chain.masses[i], chain.centres[i], inertia)
+        _link(root, child, chain.masses[i], chain.centres[i], turning_inertia(chain, i))
         joint = _joint(root, f"joint{i}", "continuous", parent, child, place, "0 -1 0")
         losses = {"damping": text_of(chain.damping[i]), "friction": text_of(chain.friction[i])}
         ET.SubElement(joint, "dynamics", losses)
         parent, place = child, text_of(0.0, 0.0, -chain.lengths[i])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def turning_inertia(chain: Chain, i: int) -> float:
+    """Return the inertia of link i about its centre [kg m^2], with the rotor of joint 0.
+
+    That rotor turns as link 0 does. It is at least what MuJoCo requires.
+    """
+    rotor = 0.0 if i else float(chain.armature[0])
+    return max(inertia_of(chain, i) + rotor, MIN_INERTIA)
 
 
 def _link(root: ET.Element, name: str, mass: float, centre: float, inertia: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -21,7 +22,7 @@ _HEAD = """\
 def Xform "chain"
 {
 """
-_DEGREE = 0.017453292519943295  # rad: the schema has damping of turns by degrees
+_DEGREE = math.radians(1.0)  # the schema has damping of turns by degrees
 
 
 @returns_text

@@ -15,8 +15,8 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.identification.tables import RUN, Column, Table
 
-# Names of columns in lower case, with blanks for underlines, without a unit behind. A number counts
-# links, a letter axes.
+# Names of columns in lower case, with blanks for underscores, without a unit behind. A number
+# counts links, a letter axes.
 ROLES = {
     "time": r"t|times?|zeit|temps|tiempo|tempo|tout|sec|seconds?(?: elapsed)?|elapsed(?: time)?|"
     r"time ?stamp|date ?time|time since start(?: in)?",

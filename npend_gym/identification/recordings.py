@@ -102,7 +102,7 @@ def read_motion(
     - pixels of markers, x and y of each without names, y down; they need `fps`.
 
     Tabs, commas, semicolons or blanks separate columns; decimals may have commas. Units stand in
-    brackets or after an underline, as in "time_us" and "angle (deg)". Times may be dates, clock
+    brackets or after an underscore, as in "time_us" and "angle (deg)". Times may be dates, clock
     times, or counted from 1970. Where they begin again, another recording does. Rows with empty
     cells, few rows that are none or come too late, and columns of text are left out.
 

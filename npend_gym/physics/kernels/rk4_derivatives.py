@@ -10,7 +10,7 @@ from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.advance import MAX_PARTS, substep_parts
 from npend_gym.physics.kernels.dynamics import AnyArrays, copy
 from npend_gym.physics.kernels.layout import Group, Timing
-from npend_gym.physics.kernels.rk4 import rk4_step, rk4_sum
+from npend_gym.physics.kernels.rk4 import RK4, rk4_step, rk4_sum
 from npend_gym.physics.kernels.stages import (
     ALPHA,
     OMEGA,
@@ -25,9 +25,9 @@ from npend_gym.physics.kernels.stages import (
 )
 from npend_gym.physics.kernels.tangent import POSE_ROWS
 
-# The tableau of `rk4.RK4` and its weights: tuples, which are constants on a GPU too
-_A = (0.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.0), (0.0, 0.5, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)
-_END = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
+# Tableau and weights as tuples, which are constants on a GPU too
+_A: Any = tuple(tuple(row) for row in RK4.tableau[:4, :4].tolist())
+_END: Any = tuple(RK4.end[:4].tolist())
 TAPE_ROWS = 4 * STAGE_ROWS
 
 # Rows of the work space of one group: those of `stages`; a change at the start of a step, and
