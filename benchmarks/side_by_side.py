@@ -87,7 +87,7 @@ class Curve:
             seconds = self.clock.seconds
             found = evaluate(plain(model()), self.env, episodes=EPISODES, seed=VALIDATION)
             mean = round(float(found.returns.mean()), 2)
-            self.rows.append((steps, round(seconds, 2), mean, found.success_rate))
+            self.rows.append((steps, round(seconds, 6), mean, found.success_rate))
             self.clock.seconds = seconds
 
 
