@@ -170,6 +170,7 @@ def test_energy_and_momenta_of_links_on_springs_agree_with_the_mass_matrix(featu
     assert abs(found / (0.5 * u @ mass @ u) - 1.0) <= 1e-14
 
 
+@pytest.mark.long
 def test_links_on_springs_keep_their_energy():
     chain = Chain(
         [1.0, 0.5], [1.0, 0.8], centres=[0.4, 0.3], inertias=0.05, armature=0.02, gear=3.0,

@@ -106,7 +106,13 @@ def test_the_cart_is_observed_and_told_and_a_release_starts_in_the_middle():
     assert observation[6] == np.float32(info["cart_position"] / 4.0)
 
 
-@pytest.mark.parametrize("mode", ["swingup", "balance", "calm", "passive", "transition", Own()])
+@pytest.mark.parametrize(
+    "mode",
+    [
+        *("swingup", "balance", "calm", "transition", Own()),
+        pytest.param("passive", marks=pytest.mark.long),
+    ],
+)
 def test_beyond_its_rail_the_cart_fails_and_within_it_lowers_the_reward(mode):
     keywords = {"mode": mode, "n": 2, "cart_mass": 30.0, "rail": 2.0, "dt": 0.05}
     envs = NPendulumVectorEnv(2, base="cart", **keywords, autoreset_mode="DISABLED")

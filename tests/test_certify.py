@@ -75,6 +75,7 @@ def test_energy_of_the_references_is_conserved_where_nothing_takes_it(name):
         assert abs(energy(chain, *state) - first) < 1e-13 * scale
 
 
+@pytest.mark.long
 def test_our_derivatives_are_those_of_the_references():
     given = [case for case in CASES.values() if case.derivative is not None]
     assert len(given) == 11

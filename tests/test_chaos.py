@@ -14,6 +14,7 @@ from npend_gym.experiments import FlipMap
 from npend_gym.physics import linearise
 
 
+@pytest.mark.long
 def test_exponents_without_damping_come_in_pairs_and_add_up_to_zero_at_any_time(uneven):
     found = chaos.lyapunov_spectrum(uneven, 2.0, [0.3, -1.0, 0.5, 0.0][: uneven.n], duration=8.0)
     assert found.exponents[0] > 0.3
@@ -100,6 +101,7 @@ def test_instants_of_a_history_increase_however_many_are_wanted():
     np.testing.assert_array_equal(many.history[np.isin(many.times, few.times)], few.history)
 
 
+@pytest.mark.long
 def test_a_signal_of_the_duration_is_long_enough_and_stands_in_the_record():
     chain, times = Chain.uniform(2), np.linspace(0.0, 40.0, 401)
     swayed = np.column_stack([np.sin(3.0 * times), 0.0 * times])

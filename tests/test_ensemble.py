@@ -273,6 +273,7 @@ def test_chains_on_carts_follow_simulate_and_the_work_that_is_done(parts):
     assert gained == pytest.approx(many.work[5], abs=1e-7)
 
 
+@pytest.mark.long
 def test_point_masses_with_drag_stand_among_links_with_drag():
     many, chain = links(drag=0.1), Chain.uniform(2, drag=0.5)
     many.set_chain(0, chain)
@@ -355,6 +356,7 @@ def test_chains_at_the_edge_of_one_more_substep_get_it():
             assert substeps_of(chains, dt) == expected
 
 
+@pytest.mark.long
 def test_default_substeps_resolve_the_motion_of_a_chain_on_a_light_cart():
     chain = Chain.uniform(2, base=Cart(0.02))
     ensemble = Ensemble(chain, 1)

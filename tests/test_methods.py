@@ -85,7 +85,8 @@ def test_coefficients_of_explicit_methods_meet_the_conditions_of_their_order(
 
 
 @pytest.mark.parametrize(("method", "order", "dt"), [
-    ("midpoint", 2, 0.01), ("gauss4", 4, 0.02), ("gauss6", 6, 0.025),
+    pytest.param("midpoint", 2, 0.01, marks=pytest.mark.long),
+    ("gauss4", 4, 0.02), ("gauss6", 6, 0.025),
 ])  # fmt: skip
 def test_the_error_of_a_symplectic_method_falls_with_the_order_that_it_has(method, order, dt):
     exact = moved(CHAINS["bobs"], rtol=1e-13, atol=1e-14)
@@ -112,6 +113,7 @@ def test_symplectic_motions_of_all_chains_are_those_of_the_adaptive_method(kind)
     np.testing.assert_array_equal(many.theta[4], one.theta)
 
 
+@pytest.mark.long
 @each_kind
 def test_a_symplectic_step_keeps_the_two_form_of_coordinates_and_momenta(kind):
     chain, m = CHAINS[kind], CHAINS[kind].coordinates

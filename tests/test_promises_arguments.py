@@ -214,7 +214,13 @@ def refused_after_reset(env):
 
 
 @pytest.mark.parametrize("vector", [False, True], ids=["single", "vector"])
-@pytest.mark.parametrize("mode", ["swingup", "passive", "balance", "calm", "transition"])
+@pytest.mark.parametrize(
+    "mode",
+    [
+        *("swingup", "balance", "calm", "transition"),
+        pytest.param("passive", marks=pytest.mark.long),
+    ],
+)
 def test_a_refused_call_makes_no_legal_one_fail_and_changes_no_bit(mode, vector):
     motors = {"actuated": (0, 1)} if mode in ("balance", "transition") else {}
     options = {"n": 2, "mode": mode} | motors

@@ -149,6 +149,7 @@ def test_after_an_error_in_a_users_mode_a_reset_is_needed_and_options_persist(ve
     env.step(action)
 
 
+@pytest.mark.long
 def test_after_an_error_noise_is_kept_to_the_same_motors():
     mode = Moody()
     envs = NPendulumVectorEnv(2, n=2, actuated=(0, 1), mode=mode, torque_noise=0.3)

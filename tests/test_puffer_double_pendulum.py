@@ -110,6 +110,7 @@ def test_steps_held_is_the_longest_run(successes, held):
     assert steps_held(successes) == held
 
 
+@pytest.mark.long
 def test_tensors_have_the_same_rewards_and_their_gradient():
     torch = pytest.importorskip("torch")
     from npend_gym.torch import DifferentiableVectorEnv

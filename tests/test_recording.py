@@ -115,7 +115,12 @@ def test_an_episode_with_a_goal_is_recorded():
     [
         ({"torque_levels": 3}, 0, [-1.0, -1.0, -1.0, -1.0]),
         ({"action_delay": 2}, [2.0], [0.0, 0.0, 1.0, 1.0]),
-        ({"action_delay": 1, "base": "cart"}, [0.5], [0.0, 0.5, 0.5, 0.5]),
+        pytest.param(
+            {"action_delay": 1, "base": "cart"},
+            [0.5],
+            [0.0, 0.5, 0.5, 0.5],
+            marks=pytest.mark.long,
+        ),
         ({"randomize": {"max_torque": (0.5, 0.6)}}, [0.5], [0.5, 0.5, 0.5, 0.5]),
     ],
 )

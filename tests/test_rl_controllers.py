@@ -240,7 +240,12 @@ NO_PUMP = rl.energy_swing_up, MOTORS[2]  # it is refused
 
 
 @pytest.mark.parametrize(
-    ("made", "keywords"), [each for each in itertools.product(MAKERS, MOTORS) if each != NO_PUMP]
+    ("made", "keywords"),
+    [
+        pytest.param(*each, marks=[pytest.mark.long] * (each[0] is predictive and each[1] != {}))
+        for each in itertools.product(MAKERS, MOTORS)
+        if each != NO_PUMP
+    ],
 )
 def test_controllers_take_the_info_of_a_single_environment(made, keywords):
     keywords = keywords | {"n": 2, "mode": "calm"}
