@@ -372,9 +372,8 @@ ROWS = {
 
 # Why a cell is refused, by what the error says
 REASONS = {
-    "The number of a discrete action has no gradient, and no network here chooses one.": (
+    "The number of a discrete action has no gradient.": (
         "must be a tensor of integers",
-        "imitation does not use torque_levels",
         "shac does not use torque_levels",
     ),
     "SHAC learns with motors and sensors that are ideal.": (

@@ -603,6 +603,14 @@ def test_one_network_learns_chains_of_several_lengths(script):
 
 
 @pytest.mark.long
+@pytest.mark.nightly
+def test_imitation_learns_to_hold_two_poles_with_three_forces(script):
+    printed = script("puffer_double_pendulum.py", "--rounds", 3, "--episodes", 20)
+    found = re.search(r"(\d+\.\d) \+- \d+\.\d of 600 steps held", printed)
+    assert float(found[1]) > 100.0  # 359 with 100 episodes; without learning none
+
+
+@pytest.mark.long
 def test_skrl_renders_the_native_environment_unless_it_is_headless(tmp_path):
     pytest.importorskip("skrl")
     pytest.importorskip("pygame")

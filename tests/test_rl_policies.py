@@ -411,6 +411,21 @@ def test_every_judge_refuses_a_model_that_takes_no_observation_and_info(judge, m
         judge(model, {"n": 1})
 
 
+def test_a_policy_takes_the_discrete_actions_nearest_to_its_torques():
+    env = {"n": 2, "actuated": (0, 1), "observation": "sincos"}
+    policy = random_policy([(4, 6), (2, 4)], env)
+    levels = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    table = np.array([(i, j) for i in levels for j in levels])
+
+    def nearest(observation, info):
+        away = policy(observation, info).clip(-1.0, 1.0)[:, None] - table
+        return (away**2).sum(axis=-1).argmin(axis=-1)
+
+    env = env | {"torque_levels": 5, "max_episode_steps": 40}
+    found, expected = (evaluate(each, env, episodes=3).returns for each in (policy, nearest))
+    np.testing.assert_array_equal(found, expected)
+
+
 ACROBOT = Policy.pretrained("swingup-2-acrobot").env
 
 
@@ -430,12 +445,8 @@ ACROBOT = Policy.pretrained("swingup-2-acrobot").env
             "swingup-2-acrobot", ACROBOT | {"actuated": (0, 1)},
             r"actuated must be \(1,\), .* got \(0, 1\): .* policy\.env",
         ),
-        (
-            "swingup-2", {"n": 2, "observation": "sincos", "torque_levels": 3},
-            "torque_levels must be left out for a policy",
-        ),
     ],
-    ids=["observation", "another motor", "two motors", "discrete actions"],
+    ids=["observation", "another motor", "two motors"],
 )  # fmt: skip
 def test_no_judge_takes_a_policy_to_an_environment_unlike_its_own(judge, name, env, message):
     with pytest.raises(ValueError, match=message):

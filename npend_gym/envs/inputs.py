@@ -116,6 +116,21 @@ def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:
     return np.array(mask, np.bool_)  # pyright: ignore[reportUnknownArgumentType]
 
 
+def env_actions(config: EnvConfig, actions: FloatArray) -> Any:
+    """Return actions, (..., joints), as the environment takes them.
+
+    Of discrete actions these are the numbers, (...), of those with the nearest torques.
+    """
+    levels = config.torque_levels
+    if levels is None:
+        return actions
+    if not np.isfinite(actions).all():
+        raise ValueError(f"action must be finite, got {_checks.show(actions)}")
+    digits = np.rint(0.5 * (levels - 1) * (np.clip(actions, -1.0, 1.0) + 1.0))
+    places = levels ** np.arange(config.joints.size)[::-1]
+    return (digits.astype(np.int64) * places).sum(axis=-1)
+
+
 def checked_action(
     action: Any, shape: tuple[int, ...], table: FloatArray
 ) -> float | NDArray[Any] | None:

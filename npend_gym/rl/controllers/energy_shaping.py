@@ -10,9 +10,10 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.inputs import env_actions
 from npend_gym.physics.energy import total_energy
 from npend_gym.rl.controllers.regulators import StateFeedback, riccati, time_scale, turned_by
-from npend_gym.rl.controllers.step_model import check_config, checked_place, env_actions, state_of
+from npend_gym.rl.controllers.step_model import check_config, checked_place, state_of
 
 _CENTRE = 0.6  # of the force limit, for a cart one mean length of the rods away
 _STILL = 1e-3  # angular velocity times time_scale below which no rod shows where to pump

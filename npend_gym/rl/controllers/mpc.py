@@ -12,6 +12,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.inputs import env_actions
 from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, concatenated
 from npend_gym.rl.controllers.regulators import riccati
 from npend_gym.rl.controllers.step_model import (
@@ -19,7 +20,6 @@ from npend_gym.rl.controllers.step_model import (
     beyond,
     check_config,
     checked_place,
-    env_actions,
     state_of,
     wrapped,
 )

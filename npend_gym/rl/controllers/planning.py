@@ -19,6 +19,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
+from npend_gym.envs.inputs import env_actions
 from npend_gym.envs.modes import Balance, Calm
 from npend_gym.rl.controllers.feedback import StateFeedback
 from npend_gym.rl.controllers.mpc import MPC
@@ -27,7 +28,6 @@ from npend_gym.rl.controllers.step_model import (
     StepModel,
     check_config,
     checked_place,
-    env_actions,
     state_of,
     wrapped,
 )

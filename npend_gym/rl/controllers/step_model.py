@@ -61,21 +61,6 @@ def joined(theta: FloatArray, omega: FloatArray, cart: Iterable[FloatArray]) -> 
     return np.concatenate([theta, *of_cart[:1], omega, *of_cart[1:]], axis=-1)
 
 
-def env_actions(config: EnvConfig, actions: FloatArray) -> Any:
-    """Return actions, (..., joints), as the environment takes them.
-
-    Of discrete actions these are the numbers, (...), of those with the nearest torques.
-    """
-    levels = config.torque_levels
-    if levels is None:
-        return actions
-    if not np.isfinite(actions).all():
-        raise ValueError(f"action must be finite, got {_checks.show(actions)}")
-    digits = np.rint(0.5 * (levels - 1) * (np.clip(actions, -1.0, 1.0) + 1.0))
-    places = levels ** np.arange(config.joints.size)[::-1]
-    return (digits.astype(np.int64) * places).sum(axis=-1)
-
-
 def at_rest(config: EnvConfig, angle: float | FloatArray, place: float = 0.0) -> FloatArray:
     """Return the state (q, u), (2c,), at rest at `angle`, a cart at `place` [m] on its rail."""
     state = np.zeros(config.state_size)

@@ -18,12 +18,12 @@ from npend_gym._files import parse_json, read_arrays, replacing
 from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.inputs import env_actions
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
 from npend_gym.rl.controllers.step_model import (
     StepModel,
     at_rest,
     check_config,
-    env_actions,
     state_of,
     wrapped,
 )

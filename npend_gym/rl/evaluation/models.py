@@ -20,6 +20,7 @@ from npend_gym.rl.evaluation.rollouts import Controller, Observer
 from npend_gym.rl.evaluation.wrappers import (
     WAY_OUT,
     Behind,
+    Nearest,
     changing_wrappers,
     is_normalizing,
     layers_of,
@@ -93,6 +94,8 @@ def _behind(
         if not deterministic:
             raise _not_random(model)
         acting = Network(model) if _is_network(model) else model
+        if config.torque_levels is not None and isinstance(getattr(model, "env", None), Mapping):
+            acting = Nearest(cast("Controller", model), config)
         if not (callable(acting) and _takes(acting, 2)):
             named = ": Policy.pretrained or Policy.load reads one" if isinstance(model, str) else ""
             raise TypeError(
@@ -128,11 +131,6 @@ def _check_observation(model: Any, config: EnvConfig) -> None:
     """
     env = getattr(model, "env", None)
     keywords = cast("Mapping[str, Any]", env if isinstance(env, Mapping) else {})
-    if keywords and len(config.action_table) > 0 and keywords.get("torque_levels") is None:
-        raise ValueError(
-            "torque_levels must be left out for a policy with continuous actions, got "
-            f"{len(config.action_table)} discrete ones"
-        )
     trained = keywords.get("observation")
     if trained not in (None, config.observation):
         raise ValueError(

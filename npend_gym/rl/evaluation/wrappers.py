@@ -20,7 +20,9 @@ from gymnasium.vector.utils import create_empty_array
 from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray
+from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane
+from npend_gym.envs.inputs import env_actions
 from npend_gym.rl.evaluation.rollouts import Controller, forget
 
 WAY_OUT = "or give a function: model(observation, info) returns the actions"
@@ -136,6 +138,22 @@ def _unknown(wrapper: str) -> ValueError:
         "known here: use VecNormalize, VecFrameStack or a wrapper of gymnasium.wrappers.vector "
         f"instead, {WAY_OUT}"
     )
+
+
+class Nearest:
+    """A `Policy` with continuous actions where actions are discrete: it takes the nearest."""
+
+    def __init__(self, policy: Controller, config: EnvConfig) -> None:
+        self._policy, self._config = policy, config
+
+    def reset(self, num_envs: int) -> None:
+        """Let the policy forget."""
+        forget(self._policy, num_envs)
+
+    def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
+        """Return the numbers of the actions."""
+        actions = np.asarray(self._policy(observation, info), np.float64)
+        return env_actions(self._config, actions)
 
 
 class Behind:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.inputs import env_actions
 from npend_gym.rl.controllers.planning import Tracking
 from npend_gym.rl.evaluation.criteria import CRITERIA, Criterion, Pushes
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
@@ -188,13 +189,14 @@ class ErrorLanes:
         return tracking._replace(actions=self._follower.asked(tracking.actions))
 
     def step(self, action: FloatArray) -> tuple[Any, FloatArray, BoolArray, dict[str, Any]]:
-        """Step all sub-environments with actions, (B, joints).
+        """Step all sub-environments with actions, (B, joints), or the nearest that there are.
 
         Returns observations, rewards, which episodes were terminated, and info. Where one was
         terminated, the next step begins another.
         """
-        self._follower.act(action)
-        observation, reward, terminated, _, info = self.lanes.step(action)
+        taken, table = env_actions(self.config, action), self.config.action_table
+        self._follower.act(table[taken] if len(table) > 0 else action)
+        observation, reward, terminated, _, info = self.lanes.step(taken)
         self._begin(info)
         return observation, reward, terminated, info
 

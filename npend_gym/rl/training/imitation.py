@@ -284,7 +284,7 @@ def train(
 
     Its "seconds" are processor time.
     """
-    config = used_config("imitation", settings.env, OF_ENV)
+    config = used_config("imitation", settings.env, OF_ENV | {"torque_levels"})
     if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
         raise ValueError(f"mode must be one with an expert, got {config.mode!r}")
     check_errors(settings.errors)

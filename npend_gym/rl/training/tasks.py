@@ -185,7 +185,7 @@ def policy_of(
         scale=obs_scale.numpy(),
         weights=[layer.weight.detach().numpy() for layer in linear],
         biases=[layer.bias.detach().numpy() for layer in linear],
-        env=evaluation_env(settings.env),
+        env=evaluation_env({k: v for k, v in settings.env.items() if k != "torque_levels"}),
         provenance=made_by(algorithm, settings, last) | {"torch": torch.__version__},
     )
 
