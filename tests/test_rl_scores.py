@@ -13,7 +13,7 @@ import pytest
 import npend_gym
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig, SwingUp
-from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery
+from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery, robustness
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.evaluation.performance import _most
 from npend_gym.rl.evaluation.recovery import RULES, KnockDowns, Turner, _divided
@@ -114,6 +114,15 @@ def test_smooth_policies_are_ahead_of_the_best_published_performance(name, publi
     found = performance(policy, policy.env)
     assert found.success.all()
     assert found.score.mean() > published
+
+
+@pytest.mark.long
+@pytest.mark.nightly
+def test_one_pendubot_policy_is_ahead_in_all_three_published_scores():
+    policy = Policy.pretrained("swingup-2-pendubot-smooth")
+    assert performance(policy, policy.env, episodes=5).score.mean() > 0.682
+    assert robustness(policy, policy.env).score > 0.913
+    assert recovery(policy, policy.env, episodes=10).score > 0.799
 
 
 def test_knock_downs_cost_time_and_a_chain_that_never_rises_is_never_up():

@@ -78,6 +78,17 @@ def test_a_share_of_the_reward_is_for_a_tip_where_recovery_counts_it_as_up():
     np.testing.assert_allclose(counted, expected, atol=1e-5)
 
 
+def test_joints_cost_reward_beyond_their_largest_speed_alone():
+    config = EnvConfig(n=2, mode="swingup", observation="sincos")
+    usual, other = (TensorTask(config, 0.9, (1.0, 1.0, 5.0), 0.0, most) for most in (0.0, 8.0))
+    speeds = np.array([[1.0, -5.0], [8.0, 0.0], [-12.0, -10.0], [2.0, -10.0]])  # of the rods
+    states = torch.tensor(np.hstack([np.full((4, 2), 0.3), speeds])).float()
+    none = torch.zeros(4, 1), torch.zeros(4, 0)
+    cost = (usual.reward(states, *none) - other.reward(states, *none)) / 0.1
+    # joints turn at 1 and -6, 8 and -8, -12 and 2, 2 and -12 rad/s
+    np.testing.assert_allclose(cost, [0.0, 0.0, 10.0, 10.0], atol=1e-4)
+
+
 @pytest.mark.parametrize(("changes", "message"), [
     ({"memory": 100}, "memory must be at least 320"),
     ({"updates": 0}, "updates must be"),

@@ -92,11 +92,14 @@ _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
 # Plans that RealAIGym's performance scores well; each step of the environment changes the torque
 _SMOOTH: dict[str, Any] = {
     "seconds": 2.0, "plan_guess": "waves", "plan_seed": 1, "guesses": 1, "speed_weight": 0.045,
-    "change_weight": 0.1, "rounds": 20, "num_envs": 128, "disturbed": 0.5, "noise_std": 0.3,
-    "student_fraction": 0.35, "standing": 300, "kept": 0.15, "averaging": 0.998, "hidden": 128,
-    "obs_scale": (0.5, 0.5, 4.0),
+    "change_weight": 0.1, "rounds": 40, "num_envs": 128, "disturbed": 0.6, "noise_std": 0.3,
+    "student_fraction": 0.5, "standing": 300, "kept": 0.15, "averaging": 0.998, "hidden": 192,
+    "muon_learning_rate": 0.01, "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
-_SMOOTH_ELBOW = {"seconds": 2.6, "plan_seed": 16, "speed_weight": 0.04}
+_SMOOTH_ELBOW: dict[str, Any] = {
+    "seconds": 2.6, "plan_seed": 16, "speed_weight": 0.04, "rounds": 20, "disturbed": 0.5,
+    "student_fraction": 0.35, "hidden": 128, "muon_learning_rate": 0.0,
+}  # fmt: skip
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
 _SIX: dict[str, Any] = _QUICK | {
     "seconds": 8.0, "plan_seed": 5, "tries": 4, "variants": 40, "noise_std": 0.02, "rounds": 60,
@@ -122,14 +125,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
     "swingup-2-acrobot-smooth": _SMOOTH | _SMOOTH_ELBOW | {"rescuer": "swingup-2-acrobot"},
-    "swingup-2-pendubot-smooth": _SMOOTH
-    | {
-        "rescuer": "swingup-2-pendubot-recovery",
-        "rounds": 12,
-        "disturbed": 0.3,
-        "student_fraction": 0.25,
-        "standing": 1200,
-    },
+    "swingup-2-pendubot-smooth": _SMOOTH | {"rescuer": "swingup-2-pendubot-recovery"},
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
     "swingup-5-robust": _FIVE,

@@ -71,6 +71,7 @@ class Settings(TrainingSettings):
     speed: float = 2.5  # deviation of angular velocities of starts anywhere [rad/s]
     knocked: float = 0.0  # share of the episodes that start after a knock-down
     uptime: float = 0.0  # share of the reward that is for a tip where `recovery` counts it as up
+    max_speed: float = 0.0  # of joints [rad/s]; beyond, they cost reward; 0: nowhere
     margin: float = 0.0  # by which ranges of `randomize` are wider, see `with_wider_ranges`
 
 
@@ -227,7 +228,8 @@ def train(
     _checks.count("memory", settings.memory, low=settings.num_envs * settings.horizon)
     torch.manual_seed(settings.seed)
     config = with_wider_ranges(config, settings.margin)  # so that their ends are common
-    task = TensorTask(config, settings.gamma, settings.obs_scale, settings.uptime)
+    parts_of_reward = settings.uptime, settings.max_speed
+    task = TensorTask(config, settings.gamma, settings.obs_scale, *parts_of_reward)
     collector = Collector(config, task, settings)
     learner = Learner(task, config.joints.size, settings)
     collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where not done yet

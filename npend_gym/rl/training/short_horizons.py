@@ -40,6 +40,7 @@ _OF_LANES = (
     "lift", "height_per_lift", "tip_weights", "lifting_energy", "mass", "goals", "context",
 )  # fmt: skip
 _UP_WIDTH = 0.04  # of the length, within which `uptime` begins to pay
+_TOO_FAST = 20.0  # steps upright that a joint at twice the `max_speed` costs in a step
 _MIDDLE = 0.5  # of half the rail, where carts start
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit
 
@@ -58,10 +59,12 @@ class TensorTask:
         gamma: float,
         obs_scale: tuple[float, float, float],
         uptime: float = 0.0,
+        max_speed: float = 0.0,
     ) -> None:
         self.config: EnvConfig = config
         self.gamma: float = gamma
         self.uptime: float = uptime
+        self.max_speed: float = max_speed
         self.varied: bool = bool(config.randomization.names) or config.mode.has_goals
         self.obs_scale: torch.Tensor = observation_scale(config, obs_scale)
         # of the states: near pi a sine is its angle; on a cart a metre is as far as a length
@@ -129,13 +132,18 @@ class TensorTask:
     ) -> torch.Tensor:
         """Return the rewards (...) of steps to `states`, times 1 - gamma: values are below 1.
 
-        A share `uptime` of them is for a tip above the line of `recovery`.
+        A share `uptime` of them is for a tip above the line of `recovery`. Joints faster than
+        `max_speed` [rad/s] cost reward.
         """
         reward = self._judge(states, actions, context)[0]
         if self.uptime > 0.0:
             cosines, weights = states[..., : self.config.n].cos(), self._lanes(context).tip_weights
             above = (weights * cosines).sum(-1) - UP
             reward = (1.0 - self.uptime) * reward + self.uptime * (above / _UP_WIDTH).sigmoid()
+        if self.max_speed > 0.0:
+            omega = states.chunk(2, dim=-1)[1][..., : self.config.n]
+            joints = omega.diff(dim=-1, prepend=torch.zeros_like(omega[..., :1])).abs()
+            reward = reward - _TOO_FAST * (joints / self.max_speed - 1.0).clamp(min=0.0).sum(-1)
         return (1.0 - self.gamma) * reward
 
     def _judge(
