@@ -99,6 +99,7 @@ def test_joints_cost_reward_beyond_their_largest_speed_alone():
     ({"gamma": 1e-5}, "gamma to the power of horizon must be at least 1e-30"),
     ({"trust": 0.0}, "trust must be greater than zero"),
     ({"knocked": 2.0}, "knocked must lie from 0 to 1, got 2.0"),
+    ({"rule": "robot"}, "rule must be one of"),
     ({"tau": 3.0}, "tau must lie from 0 to 1, got 3.0"),
 ])  # fmt: skip
 def test_settings_that_cannot_teach_are_refused_by_name(changes, message):
@@ -239,21 +240,28 @@ def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
 
 
 @pytest.mark.long
-def test_starts_are_states_in_which_the_motors_of_recovery_leave_an_upright_chain():
+@pytest.mark.parametrize(
+    ("rule", "steps", "stiffness", "most", "damping"),
+    [("simulation", 10, 10.0, np.inf, 1.0), ("hardware", 50, 2.0, 3.0, 0.6)],
+)
+def test_starts_are_states_in_which_the_motors_of_recovery_leave_an_upright_chain(
+    rule, steps, stiffness, most, damping
+):
     keywords = env_of_task("swingup-2-pendubot")
     config = EnvConfig(**keywords)
-    found = knocked_down(config, np.random.default_rng(0), count=4)
+    found = knocked_down(config, np.random.default_rng(0), count=4, rule=rule)
     rng = np.random.default_rng(0)
     goal = rng.uniform(-np.pi, np.pi, (4, 2))
     theta, omega = rng.normal(np.pi, 0.05, (4, 2)), rng.normal(0.0, 0.2, (4, 2))
     env = gym.make("NPendulum-v0", **keywords, actuated=(0, 1))
     for k in range(4):
         _, info = env.reset(options={"theta": theta[k], "omega": omega[k]})
-        for _ in range(10):  # 0.2 s
+        for _ in range(steps):  # of 0.02 s
             joints, speeds = (np.diff(info[key], prepend=0.0) for key in ("theta", "omega"))
             error = np.angle(np.exp(1j * (goal[k] - joints)))
             weights = 9.81 * config.chain.lift * np.sin(info["theta"])
-            torque = 10.0 * error - speeds + [weights.sum(), weights[1]]  # N m
+            pull = np.clip(stiffness * error, -most, most)
+            torque = pull - damping * speeds + [weights.sum(), weights[1]]  # N m
             info = env.step(np.clip(torque / 6.0, -1.0, 1.0))[-1]
         reached = np.concatenate([info["theta"], info["omega"]])
         np.testing.assert_allclose(found[k], reached, rtol=1e-5, atol=1e-5)

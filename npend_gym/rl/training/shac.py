@@ -26,6 +26,7 @@ from npend_gym._threads import one_torch_thread
 from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
 from npend_gym.rl.evaluation.episodes import evaluate
+from npend_gym.rl.evaluation.recovery import RULES
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config, with_wider_ranges
@@ -70,6 +71,7 @@ class Settings(TrainingSettings):
     episode: int = 64  # steps in training
     speed: float = 2.5  # deviation of angular velocities of starts anywhere [rad/s]
     knocked: float = 0.0  # share of the episodes that start after a knock-down
+    rule: str = "simulation"  # of these knock-downs, as for `recovery`
     uptime: float = 0.0  # share of the reward that is for a tip where `recovery` counts it as up
     max_speed: float = 0.0  # of joints [rad/s]; beyond, they cost reward; 0: nowhere
     margin: float = 0.0  # by which ranges of `randomize` are wider, see `with_wider_ranges`
@@ -219,6 +221,7 @@ def train(
                 "max_torque: leave it out, or train by imitation"
             )
     check_settings(settings, below_one=("gamma", "uptime"))
+    _checks.choice("rule", settings.rule, tuple(RULES))
     for name in ("knocked", "tau"):
         if getattr(settings, name) > 1.0:
             raise ValueError(f"{name} must lie from 0 to 1, got {getattr(settings, name)}")

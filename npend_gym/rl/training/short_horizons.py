@@ -42,7 +42,12 @@ _OF_LANES = (
 _UP_WIDTH = 0.04  # of the length, within which `uptime` begins to pay
 _TOO_FAST = 20.0  # steps upright that a joint at twice the `max_speed` costs in a step
 _MIDDLE = 0.5  # of half the rail, where carts start
-_STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit
+# Of knock-downs by the rules of `recovery`: seconds; over the torque limit, the stiffness [1/rad],
+# the largest part of the torque that it causes, and the damping [s/rad]
+_KNOCKS = {
+    "simulation": (0.2, 10.0 / 6.0, math.inf, 1.0 / 6.0),
+    "hardware": (1.0, 2.0 / 6.0, 3.0 / 6.0, 0.6 / 6.0),
+}
 
 
 class TensorTask:
@@ -176,7 +181,7 @@ class Horizons(NamedTuple):
 
 
 def knocked_down(
-    config: EnvConfig, rng: np.random.Generator, count: int = 2000, seconds: float = 0.2
+    config: EnvConfig, rng: np.random.Generator, count: int = 2000, rule: str = "simulation"
 ) -> FloatArray:
     """Return states, (count, 2c), in which upright chains are left by a knock-down.
 
@@ -184,25 +189,27 @@ def knocked_down(
     simpler than the motors of `recovery`: its steps are those of the environment, and it turns
     joints the short way.
     """
+    seconds, *turner = _KNOCKS[rule]
     n, goal = config.n, rng.uniform(-math.pi, math.pi, (count, config.n))
     lanes = Ensemble(config.chain, count, joints=range(n))
     lanes.set_state(
         slice(None), rng.normal(math.pi, 0.05, (count, n)), rng.normal(0.0, 0.2, (count, n))
     )
     for _ in range(round(seconds / config.dt)):
-        torque = _turning(config, goal, lanes.theta, lanes.omega)
+        torque = _turning(config, goal, lanes.theta, lanes.omega, *turner)
         lanes.advance(torque, config.dt, config.substeps)
     return states_of(config, lanes)
 
 
 def _turning(
-    config: EnvConfig, goal: FloatArray, theta: FloatArray, omega: FloatArray
-) -> FloatArray:
+    config: EnvConfig, goal: FloatArray, theta: FloatArray, omega: FloatArray,
+    stiffness: float, most: float, damping: float,
+) -> FloatArray:  # fmt: skip
     """Return the torques at all joints [N m], (B, n), that turn them to their goals [rad]."""
     angle = np.diff(theta, axis=1, prepend=0.0)
     speed = np.diff(omega, axis=1, prepend=0.0)
-    error = wrap(goal - angle)
-    drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
+    pull = np.clip(stiffness * wrap(goal - angle), -most, most)
+    drive = config.max_torque * (pull - damping * speed)
     drive += holding_torques(config.chain, theta)
     return np.clip(drive, -config.max_torque, config.max_torque)
 
@@ -228,7 +235,7 @@ class Collector:
         self.noise = np.zeros((size, config.joints.size))
         self.knocked = np.zeros((0, config.state_size))  # states to start from
         if settings.knocked > 0.0:
-            self.knocked: FloatArray = knocked_down(config, self.rng)
+            self.knocked: FloatArray = knocked_down(config, self.rng, rule=settings.rule)
         self.restart(everywhere)
         self.age: NDArray[np.int64] = self.rng.integers(0, settings.episode, size)
 
