@@ -221,7 +221,7 @@ def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
     [
         # kernels of links take long to compile
         pytest.param(name, marks=pytest.mark.long)
-        if name.endswith(("pendubot", "smooth", "transition-3"))
+        if name.endswith(("pendubot", "smooth", "hardware", "transition-3"))
         else name
         for name in pretrained_names()
     ],

@@ -128,7 +128,8 @@ def test_words_at_the_end_of_a_task_combine():
     robust = env_of_task("swingup-2-robust")["randomize"]
     for robot in ("swingup-2-acrobot", "balance-3-cart"):
         assert env_of_task(f"{robot}-robust") == env_of_task(robot) | {"randomize": robust}
-    assert env_of_task("swingup-2-pendubot-recovery") == env_of_task("swingup-2-pendubot")
+    for rule in ("recovery", "hardware"):
+        assert env_of_task(f"swingup-2-pendubot-{rule}") == env_of_task("swingup-2-pendubot")
     assert env_of_task("swingup-2-acrobot-smooth") == env_of_task("swingup-2-acrobot") | {
         "dt": 0.002
     }

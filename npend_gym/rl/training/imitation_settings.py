@@ -97,8 +97,8 @@ _SMOOTH: dict[str, Any] = {
     "muon_learning_rate": 0.01, "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
 _SMOOTH_ELBOW: dict[str, Any] = {
-    "seconds": 2.6, "plan_seed": 16, "speed_weight": 0.04, "rounds": 20, "disturbed": 0.5,
-    "student_fraction": 0.35, "hidden": 128, "muon_learning_rate": 0.0,
+    "seconds": 2.6, "plan_seed": 16, "speed_weight": 0.04, "hidden": 256,
+    "errors": {NOTHING: 0.6, "velocity_noise": 0.15, "delay": 0.25},
 }  # fmt: skip
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
 _SIX: dict[str, Any] = _QUICK | {

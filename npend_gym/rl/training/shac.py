@@ -280,6 +280,9 @@ _RECOVERY = _ROBOT | {
     "total_timesteps": 480_000, "hidden": 192, "muon_learning_rate": 0.01, "knocked": 0.85,
     "uptime": 0.7,
 }  # fmt: skip
+_HARDWARE = _RECOVERY | {  # knock-downs leave chains nearly at rest, and speed causes more of them
+    "total_timesteps": 240_000, "knocked": 0.8, "rule": "hardware", "speed": 4.0, "max_speed": 18.0,
+}  # fmt: skip
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 144_000},
@@ -298,6 +301,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "calm-10": {"total_timesteps": 144_000},
     "swingup-2-pendubot": _ROBOT,
     "swingup-2-pendubot-recovery": _RECOVERY,
+    "swingup-2-pendubot-hardware": _HARDWARE,
     "swingup-2-acrobot": _ROBOT,
 }
 

@@ -91,7 +91,8 @@ _SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
 
 
 _MACHINES = "pendubot", "acrobot", "cart"
-_WORDS = (*_MACHINES, "robust", "recovery", "smooth")  # at the end of a task's name, in this order
+# At the end of a task's name, in this order
+_WORDS = (*_MACHINES, "robust", "recovery", "hardware", "smooth")
 
 
 def _variant(word: str, n: int) -> dict[str, Any]:
@@ -99,7 +100,7 @@ def _variant(word: str, n: int) -> dict[str, Any]:
     match word:
         case "robust":
             return {"randomize": ROBUST}
-        case "recovery":  # of the same environment; settings and reward of the training differ
+        case "recovery" | "hardware":  # the same environment; settings and reward differ
             return {}
         case "smooth":  # the time between commands to RealAIGym's motors [s]
             return {"dt": 0.002}
@@ -120,8 +121,8 @@ def env_of_task(task: str) -> dict[str, Any]:
 
     In a "robust" task every episode has a new chain. "swingup-2-pendubot" and "swingup-2-acrobot"
     use RealAIGym's pendulum, with a motor at the pivot or at the elbow. Names may end in several of
-    these words, as "swingup-2-acrobot-robust" does. The word "recovery" changes only the training.
-    "smooth" makes steps of 0.002 s.
+    these words, as "swingup-2-acrobot-robust" does. "recovery" and "hardware", for the two rules of
+    `recovery`, change only the training. "smooth" makes steps of 0.002 s.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1". More rods
     use the cart and the kind of poles of the latter. There "balance-4-cart" has spread=0.002 and
