@@ -129,9 +129,11 @@ def test_smooth_policies_are_ahead_in_the_other_published_scores_too(name, robus
 
 
 @pytest.mark.long
-def test_a_policy_below_the_limits_of_speed_is_ahead_by_the_rule_of_the_robot():
-    policy = Policy.pretrained("swingup-2-pendubot-hardware")
-    assert recovery(policy, policy.env, episodes=10, rule="hardware").score > 0.721
+@pytest.mark.parametrize(("robot", "least"), [("pendubot", 0.721), ("acrobot", 0.65)])
+def test_policies_below_the_limits_of_speed_are_up_longer_by_the_rule_of_the_robot(robot, least):
+    usual, slow = (Policy.pretrained(f"swingup-2-{robot}{word}") for word in ("", "-hardware"))
+    up, more = (recovery(p, p.env, episodes=10, rule="hardware").score for p in (usual, slow))
+    assert more > max(up, least)
 
 
 def test_knock_downs_cost_time_and_a_chain_that_never_rises_is_never_up():

@@ -303,6 +303,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-pendubot-recovery": _RECOVERY,
     "swingup-2-pendubot-hardware": _HARDWARE,
     "swingup-2-acrobot": _ROBOT,
+    "swingup-2-acrobot-hardware": _HARDWARE,
 }
 
 
