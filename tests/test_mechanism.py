@@ -321,6 +321,7 @@ def test_a_pickle_holds_the_motion_and_not_the_steps_that_dense_output_keeps():
     assert len(pickle.dumps(motion)) == before
 
 
+@pytest.mark.long
 def test_many_motions_pickle_and_each_of_them_goes_on(tmp_path):
     chain = chain_of("springs on a cart")
     motion = simulate(chain, np.full((3, 3), 0.4), 0.0, TIMES, force=[1.0, 0.0, -1.0])

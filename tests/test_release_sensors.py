@@ -110,7 +110,11 @@ def test_a_scale_moves_the_return_to_a_height():
 @pytest.mark.parametrize(
     ("chain", "rest"),
     [
-        (Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0, axial_damping=0.5), 0.0),
+        pytest.param(
+            Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0, axial_damping=0.5),
+            0.0,
+            marks=pytest.mark.long,
+        ),
         (Chain([1.0], [1.0], centres=[-0.5], inertias=0.1), np.pi),
     ],
     ids=["springs", "a link that rests upright"],

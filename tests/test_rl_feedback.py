@@ -148,6 +148,7 @@ def test_energy_shaping_swings_up_to_where_the_cart_is_to_stand():
 # -- the force on a cart has one number ----------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joints", [(2, 0), (0, 2, 1), (1, 2), (2,)])
 def test_joints_name_the_force_on_a_cart_as_the_settings_of_environments_do(joints):
     chain = Chain.uniform(2, base=Cart(1.5, 0.1))

@@ -124,6 +124,7 @@ def test_an_event_in_time_is_found_while_the_chain_is_at_rest(rate, times, optio
     np.testing.assert_array_equal(motion.theta, simulate(DOUBLE, 0.0, 0.0, times, **options).theta)
 
 
+@pytest.mark.long
 def test_driven_motions_take_few_more_steps_than_their_tolerance_asks_for():
     """The free motion has the steps of its tolerance; the function adds nothing to it."""
     for n, start, most in ((1, 0.3, 4.0), (2, 1.5, 1.2), (5, 1.5, 1.05)):

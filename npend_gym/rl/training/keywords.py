@@ -42,7 +42,8 @@ def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -
     defaults = DEFAULTS | _OF_VECTOR_ENV
     for name, value in unfolded(env).items():
         if name not in uses and value != defaults[name]:
-            other = "" if name == "goal_env" else ", or train by imitation, which uses it"
+            used = name in OF_ENV or name == "torque_levels"
+            other = ", or train by imitation, which uses it" if used else ""
             raise ValueError(
                 f"{algorithm} does not use {name}: leave it out{other}; got {_checks.show(value)}"
             )
