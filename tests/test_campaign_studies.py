@@ -189,6 +189,7 @@ def test_a_sweep_of_exponents_has_what_largest_lyapunov_returns(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_sweeps_of_robustness_identification_and_training_have_what_these_return(tmp_path):
     given = {"policy": "swingup-1", "values": 2, "repetitions": 1, "seconds": 5.0}
     found = one_row("robustness", given, tmp_path / "robust")

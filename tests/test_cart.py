@@ -110,7 +110,7 @@ def test_the_cart_is_observed_and_told_and_a_release_starts_in_the_middle():
     "mode",
     [
         *("swingup", "balance", "calm", "transition", Own()),
-        pytest.param("passive", marks=pytest.mark.long),
+        pytest.param("passive", marks=[pytest.mark.long, pytest.mark.nightly]),
     ],
 )
 def test_beyond_its_rail_the_cart_fails_and_within_it_lowers_the_reward(mode):
@@ -171,6 +171,7 @@ def test_the_state_can_be_set_and_options_that_persist_stay():
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_delays_hold_for_the_cart_too():
     keywords = {"base": "cart", "n": 1, "observation": "sincos"}
     plain, late = (

@@ -35,7 +35,9 @@ DRY = {"duration": 20.0}, {"rtol": 0.1, "atol": 0.2}
         (Chain.uniform(2, damping=0.3), 0.3, *DAMPED),
         (Chain.uniform(3, damping=0.5), 0.5, *DAMPED),
         pytest.param(Chain([1.0], [0.3], friction=1.0), 0.0, *DRY, marks=pytest.mark.long),
-        pytest.param(Chain.realaigym("C.1"), 0.0, *DRY, marks=pytest.mark.long),
+        pytest.param(
+            Chain.realaigym("C.1"), 0.0, *DRY, marks=[pytest.mark.long, pytest.mark.nightly]
+        ),
     ],
 )
 def test_exponents_of_a_chain_that_comes_to_rest_are_its_decay_rates(

@@ -7,7 +7,8 @@ from matrices import REFERENCE
 
 MATRICES = {"mechanisms": composition.MATRIX, "environments": env_composition.MATRIX}
 DEAR = {  # whose cells `.ci/nightly` tries alone
-    "robustness", "imitation", "imitation with drawn chains", "many motions, rk4",
+    "robustness", "imitation", "imitation with drawn chains", "imitation with errors",
+    "many motions, rk4",
     "torque as a function, rk4", "gradient, dop853", "sensitivities, rk4",
 }  # fmt: skip
 LONG = [

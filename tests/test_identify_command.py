@@ -448,7 +448,14 @@ DAMPING = [*LENGTHS[2], "--fit", "damping"]
     [
         (ONE, 0.2, lambda m: np.degrees(m.theta), LENGTHS[1], "degrees: np.radians converts"),
         (ONE, 1.2, lambda m: np.degrees(m.theta), LENGTHS[1], "degrees: np.radians converts"),
-        (TWO, 0.3, lambda m: np.degrees(m.theta), LENGTHS[2], "or give --degrees of npend"),
+        pytest.param(
+            TWO,
+            0.3,
+            lambda m: np.degrees(m.theta),
+            LENGTHS[2],
+            "or give --degrees of npend",
+            marks=pytest.mark.nightly,
+        ),
         (ONE, 0.45, lambda m: m.omega, LENGTHS[1], "angular velocities, as a gyroscope"),
         (TWO, 0.8, lambda m: np.diff(m.theta, axis=1, prepend=0.0), DAMPING, "give --relative"),
         (ONE, 0.9, lambda m: m.theta - np.pi, LENGTHS[1], "upright: add np.pi to them"),

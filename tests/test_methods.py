@@ -114,7 +114,9 @@ def test_symplectic_motions_of_all_chains_are_those_of_the_adaptive_method(kind)
 
 
 @pytest.mark.long
-@each_kind
+@pytest.mark.parametrize(
+    "kind", [k if k == "bobs" else pytest.param(k, marks=BY_NIGHT) for k in CHAINS]
+)
 def test_a_symplectic_step_keeps_the_two_form_of_coordinates_and_momenta(kind):
     chain, m = CHAINS[kind], CHAINS[kind].coordinates
     form = np.block([[np.zeros((m, m)), np.eye(m)], [-np.eye(m), np.zeros((m, m))]])
@@ -204,7 +206,7 @@ def test_derivatives_of_symplectic_steps_are_those_of_differences(kind):
         assert np.sum(back.by_parameters[name]) == pytest.approx(along, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("method", ["tsit5", pytest.param("gauss6", marks=pytest.mark.long)])
+@pytest.mark.parametrize("method", ["tsit5", pytest.param("gauss6", marks=BY_NIGHT)])
 def test_events_signals_and_files_go_with_every_method(method, tmp_path):
     options = {"rtol": 1e-11, "atol": 1e-13} if method == "tsit5" else {"dt": 0.01}
     chain, pushed = CHAINS["bobs"], Signal([0.0, 0.55, 1.3, 9.0], [0.1, -0.4, 0.3, 0.0])
