@@ -8,8 +8,7 @@ from matrices import REFERENCE
 MATRICES = {"mechanisms": composition.MATRIX, "environments": env_composition.MATRIX}
 DEAR = {  # whose cells `.ci/nightly` tries alone
     "robustness", "imitation", "imitation with drawn chains", "imitation with errors",
-    "many motions, rk4",
-    "torque as a function, rk4", "gradient, dop853", "sensitivities, rk4",
+    "many motions, rk4", "torque as a function, rk4", "gradient, dop853", "sensitivities, rk4",
 }  # fmt: skip
 LONG = [
     pytest.param(name, row, marks=pytest.mark.nightly if row in DEAR else ())
