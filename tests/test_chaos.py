@@ -384,7 +384,11 @@ def test_a_nonlinear_normal_mode_is_one_point_of_a_section():
 
 @pytest.mark.parametrize(
     ("parts", "moved"),
-    [({"base": Cart(1.0)}, {}), ({"stiffness": 300.0}, {}), ({}, {"pivot_acceleration": [0, 1]})],
+    [
+        ({"base": Cart(1.0)}, {}),
+        pytest.param({"stiffness": 300.0}, {}, marks=pytest.mark.long),
+        ({}, {"pivot_acceleration": [0, 1]}),
+    ],
     ids=["cart", "springs", "moved pivot"],
 )
 def test_rods_are_counted_from_the_end_where_there_are_other_coordinates(parts, moved):

@@ -38,7 +38,8 @@ def episode(env, steps=6, options=None, seed=3):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(k, marks=pytest.mark.long) if "delay" in k else k for k in SETTINGS]
+    "name",
+    [pytest.param(k, marks=[pytest.mark.long] * ("delay" in k or "lag" in k)) for k in SETTINGS],
 )
 def test_an_episode_with_an_option_is_that_of_an_environment_made_with_it(name):
     high, low, more = SETTINGS[name]

@@ -373,6 +373,7 @@ def test_a_policy_raises_where_the_observation_is_of_another_number_of_rods():
         policy(*env.reset(seed=0))
 
 
+@pytest.mark.long
 def test_a_policy_acts_on_its_own_observations_with_noise_another_chain_and_a_cart():
     for name, others in (
         ("swingup-2", {"velocity_noise": 0.1, "observation_delay": 1}),
