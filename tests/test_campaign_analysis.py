@@ -276,7 +276,11 @@ def test_cells_without_gravity_are_no_reason_for_a_longer_duration(tmp_path):
 
 @pytest.mark.parametrize(
     "parts",
-    [{"base": Cart(1.0)}, {"stiffness": 1e3}, {"centres": [0.5, 0.0], "inertias": 0.1}],
+    [
+        {"base": Cart(1.0)},
+        pytest.param({"stiffness": 1e3}, marks=pytest.mark.long),
+        {"centres": [0.5, 0.0], "inertias": 0.1},
+    ],
     ids=["cart", "springs", "balanced link"],
 )
 def test_cells_that_have_no_slowest_mode_are_no_reason_for_more_cells(parts, tmp_path):

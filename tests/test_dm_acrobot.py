@@ -89,6 +89,7 @@ def test_an_episode_has_a_thousand_steps_of_ten_milliseconds():
     assert (steps, info["time"]) == (1000, pytest.approx(10.0))
 
 
+@pytest.mark.long
 def test_tensors_have_the_same_rewards_and_their_gradient():
     torch = pytest.importorskip("torch")
     from npend_gym.torch import DifferentiableVectorEnv

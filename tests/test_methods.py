@@ -152,6 +152,7 @@ def test_the_error_of_the_energy_does_not_grow_in_time():
         assert (late < 1.2 * early) == (method != "rk4")
 
 
+@pytest.mark.long
 @each_kind
 def test_derivatives_of_symplectic_steps_are_those_of_differences(kind):
     chain, h, options = CHAINS[kind], 1e-5, {"method": "gauss4", "dt": 0.05}
