@@ -16,6 +16,7 @@ import numpy as np
 
 from npend_gym import rl
 from npend_gym.envs import PufferDoublePendulum, steps_held
+from npend_gym.report import prepare_file
 from npend_gym.rl.training import imitation
 
 ID = "npend/PufferDoublePendulum-v1"
@@ -24,7 +25,7 @@ TRAINED: dict[str, Any] = gym.spec(ID).kwargs | {
     "mode": "swingup", "n": 2, "observation": "sincos", "dt": PufferDoublePendulum.dt,
     "spread": PufferDoublePendulum.spread,
 }  # fmt: skip
-# About one guess in a hundred leads to a plan as short as 2.2 s; the seed is that of the first
+# Of the seeds 0 to 99 this one alone leads to a plan as short as 2.2 s
 PLAN: dict[str, Any] = {"seconds": 2.2, "plan_guess": "waves", "plan_seed": 73, "guesses": 1}
 LEARNING: dict[str, Any] = {
     "rounds": 24, "num_envs": 192, "standing": 200, "hidden": 128, "obs_scale": (0.5, 0.5, 4.0),
@@ -44,7 +45,7 @@ def held(policy: Any, episodes: int, seed: int = rl.HELD_OUT) -> np.ndarray:
 
 
 def main() -> None:
-    """Train a policy, or read one, and count the steps that it holds."""
+    """Train a policy, and count the steps that it holds."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -53,6 +54,9 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100, help="held-out ones")
     parser.add_argument("--out", type=Path, default=Path("puffer.safetensors"), metavar="FILE")
     arguments = parser.parse_args()
+    if arguments.episodes < 2:
+        parser.error(f"--episodes must be at least 2, for an error, got {arguments.episodes}")
+    prepare_file(arguments.out, [".safetensors"])
     given: dict[str, Any] = PLAN | LEARNING | {"rounds": arguments.rounds, "seed": arguments.seed}
     policy, curve = imitation.train(imitation.Settings(env=TRAINED, **given), "rounds")
     policy.save(arguments.out)

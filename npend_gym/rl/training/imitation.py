@@ -44,7 +44,7 @@ from npend_gym.rl.training.error_lanes import ErrorLanes, check_errors
 from npend_gym.rl.training.experts import Expert, expert_of, rescuing_policy
 from npend_gym.rl.training.goal_networks import GoalNetworks
 from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
-from npend_gym.rl.training.keywords import OF_ENV, used_config
+from npend_gym.rl.training.keywords import OF_IMITATION, used_config
 from npend_gym.rl.training.optimizers import Optimizer, Spring
 from npend_gym.rl.training.short_horizons import knocked_down
 from npend_gym.rl.training.tasks import (
@@ -284,7 +284,7 @@ def train(
 
     Its "seconds" are processor time.
     """
-    config = used_config("imitation", settings.env, OF_ENV | {"torque_levels"})
+    config = used_config("imitation", settings.env, OF_IMITATION)
     if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
         raise ValueError(f"mode must be one with an expert, got {config.mode!r}")
     check_errors(settings.errors)

@@ -26,6 +26,7 @@ OF_CHAIN = (
 OF_CARTS = ("base", *(each.name for each in fields(CartOnRail)))
 # Those of an environment whose observations are one array, and whose actions are continuous
 OF_ENV = {*EnvKeywords.__annotations__} - {"torque_levels", "goal_env"}
+OF_IMITATION = OF_ENV | {"torque_levels"}  # whose student takes the nearest action
 # Of vector environments, beside those of `EnvConfig`
 _OF_VECTOR_ENV = {"max_episode_steps": None, "threads": 1, "autoreset_mode": None,
                   "render_mode": None}  # fmt: skip
@@ -42,8 +43,7 @@ def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -
     defaults = DEFAULTS | _OF_VECTOR_ENV
     for name, value in unfolded(env).items():
         if name not in uses and value != defaults[name]:
-            used = name in OF_ENV or name == "torque_levels"
-            other = ", or train by imitation, which uses it" if used else ""
+            other = ", or train by imitation, which uses it" if name in OF_IMITATION else ""
             raise ValueError(
                 f"{algorithm} does not use {name}: leave it out{other}; got {_checks.show(value)}"
             )

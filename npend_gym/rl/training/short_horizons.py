@@ -31,6 +31,7 @@ from npend_gym.rl.controllers.step_model import (
 )
 from npend_gym.rl.evaluation.disturbances import holding_torques
 from npend_gym.rl.evaluation.performance import UP
+from npend_gym.rl.evaluation.recovery import RULES, Rule
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.training.tasks import observation_scale
 from npend_gym.torch.judging import Lanes, TensorState, judge, observe
@@ -42,12 +43,8 @@ _OF_LANES = (
 _UP_WIDTH = 0.04  # of the length, within which `uptime` begins to pay
 _TOO_FAST = 20.0  # steps upright that a joint at twice the `max_speed` costs in a step
 _MIDDLE = 0.5  # of half the rail, where carts start
-# Of knock-downs by the rules of `recovery`: seconds; over the torque limit, the stiffness [1/rad],
-# the largest part of the torque that it causes, and the damping [s/rad]
-_KNOCKS = {
-    "simulation": (0.2, 10.0 / 6.0, math.inf, 1.0 / 6.0),
-    "hardware": (1.0, 2.0 / 6.0, 3.0 / 6.0, 0.6 / 6.0),
-}
+# Here the motors of the simulation have half the damping of `recovery`
+_KNOCKS = RULES | {"simulation": RULES["simulation"]._replace(damping=1.0 / 6.0)}
 
 
 class TensorTask:
@@ -189,27 +186,26 @@ def knocked_down(
     simpler than the motors of `recovery`: its steps are those of the environment, and it turns
     joints the short way.
     """
-    seconds, *turner = _KNOCKS[rule]
+    knock = _KNOCKS[rule]
     n, goal = config.n, rng.uniform(-math.pi, math.pi, (count, config.n))
     lanes = Ensemble(config.chain, count, joints=range(n))
     lanes.set_state(
         slice(None), rng.normal(math.pi, 0.05, (count, n)), rng.normal(0.0, 0.2, (count, n))
     )
-    for _ in range(round(seconds / config.dt)):
-        torque = _turning(config, goal, lanes.theta, lanes.omega, *turner)
+    for _ in range(round(knock.seconds / config.dt)):
+        torque = _turning(config, goal, lanes.theta, lanes.omega, knock)
         lanes.advance(torque, config.dt, config.substeps)
     return states_of(config, lanes)
 
 
 def _turning(
-    config: EnvConfig, goal: FloatArray, theta: FloatArray, omega: FloatArray,
-    stiffness: float, most: float, damping: float,
-) -> FloatArray:  # fmt: skip
+    config: EnvConfig, goal: FloatArray, theta: FloatArray, omega: FloatArray, knock: Rule
+) -> FloatArray:
     """Return the torques at all joints [N m], (B, n), that turn them to their goals [rad]."""
     angle = np.diff(theta, axis=1, prepend=0.0)
     speed = np.diff(omega, axis=1, prepend=0.0)
-    pull = np.clip(stiffness * wrap(goal - angle), -most, most)
-    drive = config.max_torque * (pull - damping * speed)
+    pull = np.clip(knock.stiffness * wrap(goal - angle), -knock.most, knock.most)
+    drive = config.max_torque * (pull - knock.damping * speed)
     drive += holding_torques(config.chain, theta)
     return np.clip(drive, -config.max_torque, config.max_torque)
 
