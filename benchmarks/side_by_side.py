@@ -18,12 +18,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from itertools import product
 from pathlib import Path
+from pydoc import locate
 from typing import Any
 
 import gymnasium as gym
@@ -152,12 +154,13 @@ def by_ours(chosen: dict[str, Any], curve: Curve, seed: int) -> Policy:
 
 
 def by_sb3(chosen: dict[str, Any], curve: Curve, seed: int) -> Any:
-    """Return a model of Stable-Baselines3 or sb3-contrib."""
+    """Return a model of Stable-Baselines3, sb3-contrib or SBX."""
     env = dict(curve.env)
     section = {"n_timesteps": curve.steps} | {k: v for k, v in chosen.items() if k != "algo"}
     if (seconds := section.pop("episode", None)) is not None:
         env["max_episode_steps"] = round(seconds / setting_of(env).config.dt)
-    model = make_model({"algo": chosen["algo"], env.pop("id"): section | {"env_kwargs": env}}, seed)
+    algo = locate(chosen["algo"]) or chosen["algo"]  # "sbx.SAC", or "ppo"
+    model = make_model({"algo": algo, env.pop("id"): section | {"env_kwargs": env}}, seed)
     if chosen["algo"] == "ars":
         model.evaluate_candidates = lambda *given: returns_of(model, *given[:2])
     curve.clock = Stopwatch()
@@ -195,7 +198,7 @@ def train(algorithm: str, task: str, seed: int, steps: int, models: Path) -> Run
     return {
         "algorithm": algorithm, "task": task, "seed": seed, "total_steps": steps,
         "env": curve.env, "settings": SETTINGS[algorithm] | chosen, "episodes": EPISODES,
-        "machine": machine(("torch", "stable-baselines3", "sb3-contrib")),
+        "machine": machine(("torch", "stable-baselines3", "sb3-contrib", "sbx-rl", "jax")),
         **dict(zip(COLUMNS, map(list, zip(*curve.rows, strict=True)), strict=True)),
     }  # fmt: skip
 
@@ -332,6 +335,8 @@ def main() -> None:
     if arguments.steps < EVALUATIONS:
         parser.error(f"--steps must be at least {EVALUATIONS}, got {arguments.steps}")
     torch.set_num_threads(1)  # two are slower for networks this small
+    one = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+    os.environ.setdefault("XLA_FLAGS", one)  # before JAX is imported
     arguments.out.mkdir(parents=True, exist_ok=True)
     for seed, task, algorithm in product(arguments.seeds, arguments.tasks, arguments.algorithms):
         path = arguments.out / f"{task}-{algorithm}-{seed}.json"

@@ -42,8 +42,10 @@ SCHEDULES = "learning_rate", "clip_range", "clip_range_vf"
 LITERALS = "normalize", "policy_kwargs"
 
 
-def algorithm(name: str) -> type[BaseAlgorithm]:
+def algorithm(name: str | type[BaseAlgorithm]) -> type[BaseAlgorithm]:
     """Return the class of that name, "ppo" say, of Stable-Baselines3 or sb3-contrib."""
+    if isinstance(name, type):  # of another library, such as SBX
+        return name
     for module in filter(find_spec, ("stable_baselines3", "sb3_contrib")):
         for known, found in vars(importlib.import_module(module)).items():  # CrossQ is not CROSSQ
             if isinstance(found, type) and known.lower() == str(name).lower():

@@ -180,6 +180,7 @@ def test_links_on_springs_keep_their_energy():
     assert np.abs(motion.energy() / motion.energy()[0] - 1.0).max() < 1e-8
 
 
+@pytest.mark.long
 def test_links_on_stiff_springs_follow_rigid_links():
     rigid = Chain([1.0, 0.5], [1.0, 0.8], centres=[0.4, 0.3], inertias=0.05, friction=0.02)
     times, given = np.linspace(0.0, 1.0, 11), {"rtol": 1e-10, "atol": 1e-12}

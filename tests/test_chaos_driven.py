@@ -213,7 +213,10 @@ def test_tangent_vectors_of_driven_chains_are_those_of_the_lagrangian(kind):
     assert found.exponents.sum() == pytest.approx(volume / end, abs=1e-6)
 
 
-@pytest.mark.parametrize("drives", [TORQUES, SHAKEN, {"torque": LINE}, {"torque": [2.0, 1.0]}])
+BY_LINE = pytest.param({"torque": LINE}, marks=[pytest.mark.long, pytest.mark.nightly])
+
+
+@pytest.mark.parametrize("drives", [TORQUES, SHAKEN, BY_LINE, {"torque": [2.0, 1.0]}])
 def test_exponents_of_a_driven_chain_without_damping_come_in_pairs(drives):
     found = chaos.lyapunov_spectrum(Chain(**TWO), 2.0, duration=1.0, **drives).exponents
     assert found[0] > 0.3

@@ -155,7 +155,10 @@ def test_a_page_has_the_centres_of_mass_of_links(runs, tmp_path):
     assert recordings[0].provenance["arguments"] == made_by
 
 
-@pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, {"stiffness": 1e3}])
+SPRINGS = pytest.param({"stiffness": 1e3}, marks=[pytest.mark.long, pytest.mark.nightly])
+
+
+@pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, SPRINGS])
 def test_carts_and_springs_are_released_and_no_model_is_told_of_them(tmp_path, parts):
     chain, file, out = Chain.uniform(2, **parts), tmp_path / "chain.json", tmp_path / "out"
     file.write_text(json.dumps(chain.as_dict()))

@@ -1,7 +1,9 @@
 """SB3VecEnv against Stable-Baselines3's own vector environments."""
 
+import itertools
 from functools import cache, partial
 from importlib.util import find_spec
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -610,6 +612,76 @@ def test_policies_of_ars_with_and_without_biases_become_policies_too(kind, argum
     expected = model.predict(seen, deterministic=True)[0]
     np.testing.assert_allclose(policy(seen), expected, rtol=1e-5, atol=2e-6)
     assert 0.01 < np.abs(expected).mean() < 0.999
+
+
+@pytest.mark.parametrize("algorithm", ["SAC", "TQC", "CrossQ", "TD3", "PPO"])
+def test_models_of_sbx_become_policies_too(algorithm):
+    sbx = pytest.importorskip("sbx")
+    env = gym.make("npend/SwingUp-v1", n=1)
+    # the first ones act at random, so that statistics of the layers differ from the first ones
+    more = {"n_steps": 64} if algorithm == "PPO" else {"learning_starts": 100, "train_freq": 8}
+    kwargs = {"net_arch": [24, 16]}
+    model = getattr(sbx, algorithm)("MlpPolicy", env, policy_kwargs=kwargs, seed=1, **more)
+    model.learn(400)
+    policy, seen = rl.Policy.from_sb3(model), random_observations(model)
+    expected = model.predict(seen, deterministic=True)[0]
+    np.testing.assert_allclose(policy(seen), expected, rtol=1e-4, atol=1e-5)
+    assert 0.01 < np.abs(expected).mean() < 0.999
+    assert policy.provenance["arguments"]["algorithm"] == algorithm
+
+
+def jax_actor(rng, sizes, **features):
+    """Return what a model of SBX keeps of an actor, with random numbers, and the function of it."""
+
+    def relu(x):
+        return np.maximum(x, 0.0)
+
+    params, stats = {}, {}
+    for k, (before, after) in enumerate(itertools.pairwise(sizes)):
+        params[f"Dense_{k}"] = {"kernel": rng.normal(size=(before, after)) / before**0.5,
+                                "bias": rng.normal(size=after)}  # fmt: skip
+        params[f"BatchRenorm_{k}"] = {"scale": rng.uniform(0.5, 2.0, before),
+                                      "bias": rng.normal(size=before)}  # fmt: skip
+        stats[f"BatchRenorm_{k}"] = {"mean": rng.normal(size=before),
+                                     "var": rng.uniform(0.1, 2.0, before)}  # fmt: skip
+    params[f"Dense_{len(sizes) - 1}"] = params[f"Dense_{len(sizes) - 2}"]  # of the deviation
+
+    def act(x):
+        for k in range(len(sizes) - 1):
+            seen, shown = stats[f"BatchRenorm_{k}"], params[f"BatchRenorm_{k}"]
+            x = (x - seen["mean"]) / np.sqrt(seen["var"] + 1e-3) * shown["scale"] + shown["bias"]
+            x = x @ params[f"Dense_{k}"]["kernel"] + params[f"Dense_{k}"]["bias"]
+            x = relu(x) if k < len(sizes) - 2 else np.tanh(x)
+        return x
+
+    state = SimpleNamespace(params=params, batch_stats=stats)
+    actor = SimpleNamespace(activation_fn=relu, net_arch=[*sizes[1:-1]], **features)
+    return SimpleNamespace(actor=actor, actor_state=state, squash_output=True), act
+
+
+def as_sbx(policy):
+    """Return a model with a policy of SBX, and all else as Stable-Baselines3 has it."""
+    model = sb3().SAC("MlpPolicy", gym.make("npend/SwingUp-v1", n=1), device="cpu", seed=0)
+    model.policy = policy
+    return model
+
+
+def test_the_normalisation_between_layers_of_crossq_is_part_of_its_policy():
+    actor, act = jax_actor(np.random.default_rng(0), (3, 24, 16, 1), use_batch_norm=True)
+    model = as_sbx(actor)
+    seen = random_observations(model)
+    np.testing.assert_allclose(rl.Policy.from_sb3(model)(seen), act(seen), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("what", ["SimbaResidualBlock", "elu"])
+def test_another_network_of_sbx_is_refused_with_the_way_out(what):
+    actor, _ = jax_actor(np.random.default_rng(0), (3, 24, 1))
+    if what == "elu":
+        actor.actor.activation_fn.__name__ = what
+    else:
+        actor.actor_state.params[f"{what}_0"] = {}
+    with pytest.raises(ValueError, match=f"got SAC with {what}: evaluate and robustness"):
+        rl.Policy.from_sb3(as_sbx(actor))
 
 
 def test_a_model_that_is_no_network_of_layers_is_refused_with_the_way_out():

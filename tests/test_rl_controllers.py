@@ -242,7 +242,7 @@ NO_PUMP = rl.energy_swing_up, MOTORS[2]  # it is refused
 @pytest.mark.parametrize(
     ("made", "keywords"),
     [
-        pytest.param(*each, marks=[pytest.mark.long] * (each[0] is predictive and each[1] != {}))
+        pytest.param(*each, marks=[pytest.mark.long] * (each[0] is predictive))
         for each in itertools.product(MAKERS, MOTORS)
         if each != NO_PUMP
     ],

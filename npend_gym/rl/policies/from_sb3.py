@@ -1,4 +1,4 @@
-"""Models of Stable-Baselines3 as the numbers of a `Policy`."""
+"""Models of Stable-Baselines3 and SBX as the numbers of a `Policy`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from npend_gym.rl.evaluation.models import check_space, check_statistics, traine
 from npend_gym.rl.evaluation.settings import EnvLike, env_of, setting_of
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
+_RENORM_EPSILON = 0.001  # of BatchRenorm in SBX
 
 
 def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
@@ -67,6 +68,13 @@ def _network_of(model: Any) -> dict[str, Any]:
     low, high = model.action_space.low, model.action_space.high
     if np.any(low != -1.0) or np.any(high != 1.0):
         raise _not_layers(name, f"actions from {_checks.show(low)} to {_checks.show(high)}")
+    if hasattr(policy, "actor_state"):
+        return _jax_layers(policy, name)
+    return _torch_layers(policy, name)
+
+
+def _torch_layers(policy: Any, name: str) -> dict[str, Any]:
+    """Return the layers of a policy of Stable-Baselines3 or sb3-contrib."""
     if hasattr(policy, "mlp_extractor"):
         modules: list[Any] = [*policy.mlp_extractor.policy_net, policy.action_net]
     elif not hasattr(policy, "actor"):  # ARS of sb3-contrib
@@ -95,6 +103,30 @@ def _network_of(model: Any) -> dict[str, Any]:
         "activation": _ACTIVATIONS[between.pop()] if between else "tanh",
         "output": "tanh" if policy.squash_output else "clip",
     }
+
+
+def _jax_layers(policy: Any, name: str) -> dict[str, Any]:
+    """Return the layers of a policy of SBX, with the normalisation before a layer within it."""
+    actor, state = policy.actor, policy.actor_state
+    activation = actor.activation_fn.__name__
+    numbers = state.params.get("params", state.params)
+    if unknown := {key.rpartition("_")[0] for key in numbers} - {"Dense", "BatchRenorm", "log"}:
+        raise _not_layers(name, ", ".join(sorted(unknown)))
+    if activation not in _ACTIVATIONS.values():
+        raise _not_layers(name, activation)
+    weights, biases = [], []
+    for k in range(len(actor.net_arch) + 1):  # the next one is of the deviation
+        dense = {key: np.asarray(value) for key, value in numbers[f"Dense_{k}"].items()}
+        weight, bias = dense["kernel"].T, dense["bias"]
+        if getattr(actor, "use_batch_norm", False):
+            shown, seen = numbers[f"BatchRenorm_{k}"], state.batch_stats[f"BatchRenorm_{k}"]
+            factor = np.asarray(shown["scale"] / np.sqrt(seen["var"] + _RENORM_EPSILON))
+            bias = bias + weight @ np.asarray(shown["bias"] - seen["mean"] * factor)
+            weight = weight * factor
+        weights.append(np.ascontiguousarray(weight))
+        biases.append(bias)
+    output = "tanh" if policy.squash_output else "clip"
+    return {"weights": weights, "biases": biases, "activation": activation, "output": output}
 
 
 def _not_layers(name: str, what: str) -> ValueError:

@@ -315,7 +315,7 @@ class Policy:
         ----------
         model
             PPO, A2C, SAC, TD3, DDPG, TQC or ARS, say, with continuous actions and an "MlpPolicy" of
-            linear layers with tanh or ReLU between them.
+            linear layers with tanh or ReLU between them. Models of SBX, also CrossQ, too.
         env : optional
             As for `evaluate`, its environment; by default that of the model's training.
 
