@@ -93,12 +93,9 @@ class Curve:
             self.clock.seconds = seconds
 
 
-def plain(model: Any) -> Any:
-    """Return a model as a `Policy`, which acts faster, where it can be one."""
-    try:
-        return model if isinstance(model, Policy) else Policy.from_sb3(model)
-    except ValueError:  # CrossQ normalises between its layers
-        return model
+def plain(model: Any) -> Policy:
+    """Return a model as a `Policy`, which acts faster."""
+    return model if isinstance(model, Policy) else Policy.from_sb3(model)
 
 
 class Calls(BaseCallback):
@@ -193,8 +190,7 @@ def train(algorithm: str, task: str, seed: int, steps: int, models: Path) -> Run
     model = (by_ours if ours else by_sb3)(chosen, curve, seed)
     place = models / algorithm / str(seed)
     place.mkdir(parents=True, exist_ok=True)
-    model = plain(model)
-    model.save(place / f"{task}.{'safetensors' if isinstance(model, Policy) else 'zip'}")
+    plain(model).save(place / f"{task}.safetensors")
     return {
         "algorithm": algorithm, "task": task, "seed": seed, "total_steps": steps,
         "env": curve.env, "settings": SETTINGS[algorithm] | chosen, "episodes": EPISODES,

@@ -580,6 +580,22 @@ def test_a_policy_made_of_a_model_acts_as_the_model_does(algorithm, normalize, t
     np.testing.assert_allclose(found, own, rtol=1e-3)
 
 
+def test_the_normalisation_between_the_layers_of_crossq_is_part_of_its_policy():
+    contrib, torch = pytest.importorskip("sb3_contrib"), pytest.importorskip("torch")
+    model = contrib.CrossQ("MlpPolicy", gym.make("npend/SwingUp-v1", n=1), device="cpu", seed=1)
+    noise = torch.manual_seed(2)
+    with torch.no_grad():
+        for name, values in model.policy.actor.state_dict().items():
+            if values.is_floating_point():  # the variances stay positive
+                values.mul_(0.5 + torch.rand(values.shape, generator=noise))
+                if "ra_mean" in name or name.endswith("bias"):
+                    values.add_(0.2 * torch.randn(values.shape, generator=noise))
+    policy, seen = rl.Policy.from_sb3(model), random_observations(model)
+    expected = model.predict(seen, deterministic=True)[0]
+    np.testing.assert_allclose(policy(seen), expected, rtol=1e-4, atol=1e-5)
+    assert 0.01 < np.abs(expected).mean() < 0.999
+
+
 @pytest.mark.parametrize("algorithm", ["A2C", "TD3"])
 def test_other_networks_of_layers_become_policies_too(algorithm):
     sb3 = pytest.importorskip("stable_baselines3")
@@ -666,7 +682,7 @@ def as_sbx(policy):
     return model
 
 
-def test_the_normalisation_between_layers_of_crossq_is_part_of_its_policy():
+def test_the_normalisation_of_crossq_in_jax_is_part_of_its_policy():
     actor, act = jax_actor(np.random.default_rng(0), (3, 24, 16, 1), use_batch_norm=True)
     model = as_sbx(actor)
     seen = random_observations(model)

@@ -12,7 +12,7 @@ from npend_gym.rl.evaluation.models import check_space, check_statistics, traine
 from npend_gym.rl.evaluation.settings import EnvLike, env_of, setting_of
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
-_RENORM_EPSILON = 0.001  # of BatchRenorm in SBX
+_RENORM_EPSILON = 0.001  # of BatchRenorm in SBX and sb3-contrib
 
 
 def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
@@ -86,27 +86,27 @@ def _torch_layers(policy: Any, name: str) -> dict[str, Any]:
     kinds = [type(module).__name__ for module in modules]
     if policy.squash_output and kinds[-1:] == ["Tanh"]:  # a layer in TD3 and ARS
         modules, kinds = modules[:-1], kinds[:-1]
-    linear, between = kinds[::2], set(kinds[1::2])
-    if set(linear) != {"Linear"} or kinds[-1] != "Linear" or not between <= set(_ACTIVATIONS):
+    plain = [kind for kind in kinds if kind != "BatchRenorm1d"]  # of CrossQ, before layers
+    linear, between = plain[::2], set(plain[1::2])
+    if set(linear) != {"Linear"} or plain[-1] != "Linear" or not between <= set(_ACTIVATIONS):
         raise _not_layers(name, ", ".join(kinds) or type(policy).__name__)
     if len(between) > 1:
         raise _not_layers(name, "two kinds of activations")
-    named = [dict(module.named_parameters()) for module in modules[::2]]
-    numbers = [{k: p.detach().cpu().numpy().copy() for k, p in each.items()} for each in named]
-    weights = [each["weight"] for each in numbers]
-    return {
-        "weights": weights,
-        "biases": [  # layers of ARS may have none
-            each.get("bias", np.zeros(len(weight), np.float32))
-            for each, weight in zip(numbers, weights, strict=True)
-        ],
-        "activation": _ACTIVATIONS[between.pop()] if between else "tanh",
-        "output": "tanh" if policy.squash_output else "clip",
-    }
+    layers: list[tuple[Any, Any]] = []
+    norm: Any = None
+    for module, kind in zip(modules, kinds, strict=True):
+        of = {k: v.detach().cpu().numpy().copy() for k, v in module.state_dict().items()}
+        if kind == "BatchRenorm1d":
+            norm = of["scale"], of["bias"], of["ra_mean"], of["ra_var"]
+        elif kind == "Linear":  # those of ARS may have no bias
+            weight = of["weight"]
+            layers.append(_folded(weight, of.get("bias", np.zeros(len(weight), "f4")), norm))
+            norm = None
+    return _fields(layers, _ACTIVATIONS[between.pop()] if between else "tanh", policy)
 
 
 def _jax_layers(policy: Any, name: str) -> dict[str, Any]:
-    """Return the layers of a policy of SBX, with the normalisation before a layer within it."""
+    """Return the layers of a policy of SBX."""
     actor, state = policy.actor, policy.actor_state
     activation = actor.activation_fn.__name__
     numbers = state.params.get("params", state.params)
@@ -114,19 +114,35 @@ def _jax_layers(policy: Any, name: str) -> dict[str, Any]:
         raise _not_layers(name, ", ".join(sorted(unknown)))
     if activation not in _ACTIVATIONS.values():
         raise _not_layers(name, activation)
-    weights, biases = [], []
+    layers: list[tuple[Any, Any]] = []
+    norm: Any = None
     for k in range(len(actor.net_arch) + 1):  # the next one is of the deviation
-        dense = {key: np.asarray(value) for key, value in numbers[f"Dense_{k}"].items()}
-        weight, bias = dense["kernel"].T, dense["bias"]
         if getattr(actor, "use_batch_norm", False):
             shown, seen = numbers[f"BatchRenorm_{k}"], state.batch_stats[f"BatchRenorm_{k}"]
-            factor = np.asarray(shown["scale"] / np.sqrt(seen["var"] + _RENORM_EPSILON))
-            bias = bias + weight @ np.asarray(shown["bias"] - seen["mean"] * factor)
-            weight = weight * factor
-        weights.append(np.ascontiguousarray(weight))
-        biases.append(bias)
-    output = "tanh" if policy.squash_output else "clip"
-    return {"weights": weights, "biases": biases, "activation": activation, "output": output}
+            parts = shown["scale"], shown["bias"], seen["mean"], seen["var"]
+            norm = [*map(np.asarray, parts)]
+        dense = numbers[f"Dense_{k}"]
+        layers.append(_folded(np.array(dense["kernel"]).T, np.array(dense["bias"]), norm))
+    return _fields(layers, activation, policy)
+
+
+def _folded(weight: Any, bias: Any, norm: Any) -> tuple[Any, Any]:
+    """Return the weight and bias of a layer with the normalisation before it within them."""
+    if norm is None:
+        return weight, bias
+    scale, shift, mean, variance = norm
+    factor = scale / np.sqrt(variance + _RENORM_EPSILON)
+    return weight * factor, bias + weight @ (shift - mean * factor)
+
+
+def _fields(layers: list[tuple[Any, Any]], activation: str, policy: Any) -> dict[str, Any]:
+    weights, biases = zip(*layers, strict=True)
+    return {
+        "weights": [np.ascontiguousarray(weight) for weight in weights],
+        "biases": [*biases],
+        "activation": activation,
+        "output": "tanh" if policy.squash_output else "clip",
+    }
 
 
 def _not_layers(name: str, what: str) -> ValueError:

@@ -314,8 +314,8 @@ class Policy:
         Parameters
         ----------
         model
-            PPO, A2C, SAC, TD3, DDPG, TQC or ARS, say, with continuous actions and an "MlpPolicy" of
-            linear layers with tanh or ReLU between them. Models of SBX, also CrossQ, too.
+            PPO, A2C, SAC, TD3, DDPG, TQC, CrossQ or ARS, say, of this library, sb3-contrib or SBX,
+            with continuous actions and linear layers with tanh or ReLU between them.
         env : optional
             As for `evaluate`, its environment; by default that of the model's training.
 
