@@ -2,8 +2,10 @@
 
 Run it with `python benchmarks/robustness.py`: it plays `swingup-1`, `calm-2` and their robust
 versions with other chains. They are drawn from the whole range of training, stand at its corners,
-or differ in one parameter. It prints a table and writes `robustness.csv` and a figure,
-`robustness.png`; `--publish` puts them into `docs/`.
+or differ in one parameter. It also plays `swingup-2` to `swingup-5` and their robust versions under
+errors that neither their training nor the criteria of `robustness` have. It prints two tables and
+writes `robustness.csv`, `unseen_errors.csv` and a figure, `robustness.png`; `--publish` puts them
+into `docs/`.
 """
 
 from __future__ import annotations
@@ -19,16 +21,19 @@ from csv_tables import publish_table
 from tqdm import tqdm
 
 from npend_gym.report import styled, write_csv
-from npend_gym.rl import Policy, evaluate
+from npend_gym.rl import Policy, evaluate, setting_of
 from npend_gym.rl.training import ROBUST, env_of_task
 from npend_gym.tools import BLUE, FAINT, ORANGE
 
 TASKS = ("swingup-1", "calm-2")
 FACTORED = ("masses", "lengths", "gravity", "max_torque")  # of ROBUST; damping has values
 FACTORS = [round(0.1 * tenth, 1) for tenth in range(5, 16)]
+LONGER = [f"swingup-{n}{kind}" for kind in ("", "-robust") for n in range(2, 6)]
 PAGE = DOCS / "notes" / "randomized_training.md"
+UNSEEN_PAGE = DOCS / "notes" / "robust_policies.md"
 NOMINAL, WHOLE, LOW, HIGH = "as made", "drawn from the whole range", "all low", "all high"
 DAMPED = f"damping {ROBUST['damping']['high']}"
+TOGETHER = "all of them, half as large"
 
 
 def ends(name: str) -> tuple[float, float]:
@@ -66,24 +71,61 @@ def corners() -> dict[str, dict[str, Any]]:
     return {{first: LOW, last: HIGH}.get(label, label): found[label] for label in found}
 
 
-def measure(episodes: int) -> list[dict[str, Any]]:
-    """Return a row for every policy and case, of episodes that neither trained nor chose."""
-    plays = [(task, name, given) for task in TASKS
-             for name, given in cases(env_of_task(task)["n"]).items()]  # fmt: skip
+def unseen(task: str, size: float = 0.5) -> dict[str, dict[str, Any]]:
+    """Return the keyword `randomize` of each error that training and criteria do not have.
+
+    `size` is over the largest error of the criteria that is most like it: a parameter of the chain
+    within a quarter, damping of 0.1 N m s/rad, torques of 11/60 of the limit, pulses of 5/6 + 1/12.
+    """
+    config = setting_of(env_of_task(task)).config
+    limit, near = config.max_torque, (1.0 - 0.25 * size, 1.0 + 0.25 * size)
+    within = (1.0 - 0.1 * size, 1.0 + 0.1 * size)  # less, as all masses and lengths are wrong
+    push = 11.0 / 12.0 * size * limit / config.chain.total_length  # at the tip
+    return {
+        "gravity": {"gravity": near},
+        "weak or strong motor": {"max_torque": near},
+        "all masses and lengths": {"masses": within, "lengths": within},
+        "air drag": fixed("drag", 0.1 * size),  # N s/m, at each bob
+        "inertia of motors": fixed("armature", 0.25 * size),  # kg m^2, at each joint
+        "torque ripple": fixed("torque_ripple", 11.0 / 60.0 * size * limit),
+        "pushes at the tip": fixed("push_rate", 0.3) | fixed("push_force", push),
+    }
+
+
+def unseen_cases(task: str) -> dict[str, dict[str, Any]]:
+    """Return the keyword `randomize` of every error alone, and of all at half their size."""
+    every = {name: value for each in unseen(task, 0.25).values() for name, value in each.items()}
+    return {NOMINAL: {}} | unseen(task) | {TOGETHER: every}
+
+
+def measure(plays: list[tuple[str, str, dict[str, Any]]], episodes: int) -> list[dict[str, Any]]:
+    """Return a row for every policy, case and `randomize`, of held-out episodes."""
     rows: list[dict[str, Any]] = []
-    for task, case, randomize in tqdm(plays, disable=None, unit="case"):
-        for name in (task, f"{task}-robust"):
-            policy = Policy.pretrained(name)
-            env = policy.env | {"randomize": randomize}
-            row = evaluate(policy, env, episodes=episodes).as_row()
-            kept = {key: row[key] for key in ("episodes", "success", "return")}
-            rows.append({"policy": name, "case": case} | kept)
+    for name, case, randomize in tqdm(plays, disable=None, unit="case"):
+        policy = Policy.pretrained(name)
+        env = policy.env | {"randomize": randomize}
+        row = evaluate(policy, env, episodes=episodes).as_row()
+        kept = {key: row[key] for key in ("episodes", "success", "return")}
+        rows.append({"policy": name, "case": case} | kept)
     return rows
 
 
 def success_of(rows: list[dict[str, Any]]) -> dict[tuple[str, str], float]:
     """Return the success rates by policy and case."""
     return {(row["policy"], row["case"]): row["success"] for row in rows}
+
+
+def unseen_table(rows: list[dict[str, Any]]) -> str:
+    """Return the success of the longer chains under unseen errors, as a table in Markdown."""
+    success = success_of(rows)
+    titles = ["error", *LONGER]
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    kinds = list(dict.fromkeys(case for _, case in success))
+    found = {case: [success[policy, case] for policy in LONGER] for case in kinds}
+    found["mean of the errors"] = np.mean([found[case] for case in kinds[1:]], axis=0)
+    for case, rates in found.items():
+        lines.append(f"| {case} | {' | '.join(f'{100.0 * rate:.0f} %' for rate in rates)} |")
+    return "\n".join(lines) + "\n"
 
 
 def table(rows: list[dict[str, Any]]) -> str:
@@ -137,15 +179,31 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
-    rows = measure(arguments.episodes)
+    rows = measure(
+        [
+            (name, case, given)
+            for task in TASKS
+            for case, given in cases(env_of_task(task)["n"]).items()
+            for name in (task, f"{task}-robust")
+        ],
+        arguments.episodes,
+    )
+    longer = [
+        (name, case, given)
+        for name in LONGER
+        for case, given in unseen_cases(name.removesuffix("-robust")).items()
+    ]
+    others = measure(longer, arguments.episodes)
     folder, picture = arguments.out, arguments.out / "robustness.png"
     if arguments.publish:
         folder, picture = DOCS / "results", DOCS / "images" / "robustness.png"
         publish_table(PAGE, "| chain |", table(rows))
+        publish_table(UNSEEN_PAGE, "| error |", unseen_table(others))
     folder.mkdir(parents=True, exist_ok=True)
     write_csv(folder / "robustness.csv", rows)
+    write_csv(folder / "unseen_errors.csv", others)
     figure(rows).savefig(picture)
-    print(table(rows))
+    print(table(rows), unseen_table(others), sep="\n")
 
 
 if __name__ == "__main__":
