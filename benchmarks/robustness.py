@@ -11,6 +11,7 @@ into `docs/`.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from algorithms import DOCS
 from csv_tables import publish_table
+from gymnasium.wrappers.vector import TransformAction, TransformObservation
 from tqdm import tqdm
 
 from npend_gym.report import styled, write_csv
@@ -72,39 +74,68 @@ def corners() -> dict[str, dict[str, Any]]:
 
 
 def unseen(task: str, size: float = 0.5) -> dict[str, dict[str, Any]]:
-    """Return the keyword `randomize` of each error that training and criteria do not have.
+    """Return each error that neither training nor criteria have, as arguments of `env_with`.
 
-    `size` is over the largest error of the criteria that is most like it: a parameter of the chain
-    within a quarter, damping of 0.1 N m s/rad, torques of 11/60 of the limit, pulses of 5/6 + 1/12.
+    `size` is over the largest error of the criteria that is most like it: parameters of the chain
+    that are wrong by a quarter, damping of 0.1 N m s/rad, angles by 0.02 rad, torques by 11/60 of
+    the limit, pulses with peaks of 11/12 of it. A mass or length of all rods is in the training.
     """
     config = setting_of(env_of_task(task)).config
-    limit, near = config.max_torque, (1.0 - 0.25 * size, 1.0 + 0.25 * size)
-    within = (1.0 - 0.1 * size, 1.0 + 0.1 * size)  # less, as all masses and lengths are wrong
-    push = 11.0 / 12.0 * size * limit / config.chain.total_length  # at the tip
-    return {
-        "gravity": {"gravity": near},
-        "weak or strong motor": {"max_torque": near},
-        "all masses and lengths": {"masses": within, "lengths": within},
+    noise, push = 11.0 / 60.0 * size, 11.0 / 12.0 * size * config.max_torque
+    pushes = {"push_rate": 0.3, "push_force": push / config.chain.total_length}
+    every: dict[str, dict[str, Any]] = {
+        "gravity": {"gravity": (1.0 - 0.25 * size, 1.0 + 0.25 * size)},
         "air drag": fixed("drag", 0.1 * size),  # N s/m, at each bob
         "inertia of motors": fixed("armature", 0.25 * size),  # kg m^2, at each joint
-        "torque ripple": fixed("torque_ripple", 11.0 / 60.0 * size * limit),
-        "pushes at the tip": fixed("push_rate", 0.3) | fixed("push_force", push),
+        "torque ripple": fixed("torque_ripple", noise * config.max_torque),
+        "pushes at the tip": {
+            k: w for name in pushes for k, w in fixed(name, pushes[name]).items()
+        },
+    }
+    return {name: {"randomize": given} for name, given in every.items()} | {
+        "weaker in one direction": {"weaker": 0.25 * size},
+        "coarse torques": {"coarse": noise},  # standard deviation of their rounding
+        "offset of the angles": {"offset": 0.02 * size},
     }
 
 
 def unseen_cases(task: str) -> dict[str, dict[str, Any]]:
-    """Return the keyword `randomize` of every error alone, and of all at half their size."""
-    every = {name: value for each in unseen(task, 0.25).values() for name, value in each.items()}
-    return {NOMINAL: {}} | unseen(task) | {TOGETHER: every}
+    """Return the arguments of `env_with` of every error alone, and of all at half their size."""
+    halves = unseen(task, 0.25).values()
+    drawn = {k: w for each in halves for k, w in each.get("randomize", {}).items()}
+    others = {name: value for each in halves for name, value in each.items()}
+    return {NOMINAL: {}} | unseen(task) | {TOGETHER: others | {"randomize": drawn}}
 
 
-def measure(plays: list[tuple[str, str, dict[str, Any]]], episodes: int) -> list[dict[str, Any]]:
-    """Return a row for every policy, case and `randomize`, of held-out episodes."""
+def env_with(
+    env: dict[str, Any], weaker: float = 0.0, coarse: float = 0.0, offset: float = 0.0, **more: Any
+) -> Any:
+    """Return an environment with more keywords, and errors of motor and sensors."""
+    if not (weaker or coarse or offset):
+        return env | more
+    envs = setting_of(env | more).make(1)
+    n, step = envs.unwrapped.config.n, 12.0**0.5 * coarse
+
+    def exerted(action: Any) -> Any:
+        levels = np.round(action / step) * step if step else action
+        return np.where(levels > 0.0, 1.0 - weaker, 1.0) * levels
+
+    def shown(observation: Any) -> Any:
+        s, c, rest = np.split(observation, (n, 2 * n), axis=-1)
+        turned = s * np.cos(offset) + c * np.sin(offset), c * np.cos(offset) - s * np.sin(offset)
+        return np.concatenate([*turned, rest], axis=-1, dtype=np.float32)
+
+    return TransformAction(TransformObservation(envs, shown), exerted)
+
+
+def measure(
+    plays: Iterable[tuple[str, str, dict[str, Any]]], episodes: int
+) -> list[dict[str, Any]]:
+    """Return a row for every policy, case and error, of episodes that neither trained nor chose."""
     rows: list[dict[str, Any]] = []
-    for name, case, randomize in tqdm(plays, disable=None, unit="case"):
+    for name, case, given in tqdm([*plays], disable=None, unit="case"):
         policy = Policy.pretrained(name)
-        env = policy.env | {"randomize": randomize}
-        row = evaluate(policy, env, episodes=episodes).as_row()
+        row = evaluate(policy, env_with(policy.env, **given), episodes=episodes).as_row()
         kept = {key: row[key] for key in ("episodes", "success", "return")}
         rows.append({"policy": name, "case": case} | kept)
     return rows
@@ -179,21 +210,13 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
-    rows = measure(
-        [
-            (name, case, given)
-            for task in TASKS
-            for case, given in cases(env_of_task(task)["n"]).items()
-            for name in (task, f"{task}-robust")
-        ],
-        arguments.episodes,
-    )
-    longer = [
-        (name, case, given)
-        for name in LONGER
-        for case, given in unseen_cases(name.removesuffix("-robust")).items()
-    ]
-    others = measure(longer, arguments.episodes)
+    chains = [(task, name, given) for task in TASKS
+              for name, given in cases(env_of_task(task)["n"]).items()]  # fmt: skip
+    both = [(name, case, {"randomize": given}) for task, case, given in chains
+            for name in (task, f"{task}-robust")]  # fmt: skip
+    longer = [(name, case, given) for name in LONGER
+              for case, given in unseen_cases(name.removesuffix("-robust")).items()]  # fmt: skip
+    rows, others = (measure(plays, arguments.episodes) for plays in (both, longer))
     folder, picture = arguments.out, arguments.out / "robustness.png"
     if arguments.publish:
         folder, picture = DOCS / "results", DOCS / "images" / "robustness.png"

@@ -15,6 +15,7 @@ import pytest
 from scripts import run_python, run_script
 from test_examples import ROOT
 
+from npend_gym import rl
 from npend_gym.rl import Policy
 from npend_gym.rl.training.tasks import env_of_task
 
@@ -662,3 +663,50 @@ def test_the_table_of_robustness_in_the_docs_is_that_of_the_recorded_results():
     assert len(success) == 2 * sum(len(cases(int(task[-1]))) for task in TASKS)
     whole = [success[f"{task}-robust", "drawn from the whole range"] for task in TASKS]
     assert min(whole) >= 0.95
+
+
+def test_unseen_errors_are_in_no_criterion_and_their_table_is_that_of_the_recorded_results():
+    pytest.importorskip("torch")
+    from algorithms import recorded
+    from robustness import LONGER, NOMINAL, UNSEEN_PAGE, success_of, unseen_cases, unseen_table
+
+    tried = {
+        name for each in unseen_cases("swingup-2").values() for name in each.get("randomize", ())
+    }
+    config = rl.setting_of(Policy.pretrained("swingup-2").env).config
+    for name, criterion in rl.CRITERIA.items():
+        if isinstance(criterion, rl.Criterion):
+            assert not tried & set(criterion.keywords(config, 0.01)), name
+    # those of the chain that are zero there no criterion changes, but damping and friction
+    for name in tried - {"gravity", "torque_ripple", "push_rate", "push_force"}:
+        assert name not in ("damping", "friction")
+        assert not getattr(config.chain, name).any()
+    rows = recorded("unseen_errors")
+    assert unseen_table(rows) in UNSEEN_PAGE.read_text(encoding="utf-8")
+    success = success_of(rows)
+    assert [*success] == [(name, case) for name in LONGER for case in unseen_cases("swingup-2")]
+    assert all(success[name, NOMINAL] >= 0.95 for name in LONGER)
+
+
+def test_errors_of_motor_and_sensors_act_between_policy_and_environment():
+    pytest.importorskip("torch")
+    from robustness import env_with
+
+    env = {"n": 2, "mode": "swingup", "observation": "sincos", "max_episode_steps": 1}
+    seen = []
+
+    def model(observation, info):
+        seen.append((observation, info["theta"]))
+        return np.full((len(observation), 1), 0.6)
+
+    step = 12.0**0.5 * 0.1  # 0.6 is rounded to two steps
+    made = env_with(env, weaker=0.25, coarse=0.1, offset=0.3)
+    given = rl.evaluate(model, made, episodes=1, seed=0).returns
+    (observation, theta), *_ = seen
+    assert observation[0, :2] == pytest.approx(np.sin(theta[0] + 0.3), abs=1e-6)
+    assert observation[0, 2:4] == pytest.approx(np.cos(theta[0] + 0.3), abs=1e-6)
+
+    def exact(observation, info):  # noqa: ARG001
+        return np.full((len(observation), 1), 0.75 * 2 * step)
+
+    assert given == pytest.approx(rl.evaluate(exact, env, episodes=1, seed=0).returns, rel=1e-9)
