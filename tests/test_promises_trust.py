@@ -15,6 +15,7 @@ from readers import PLAN, resting_plans
 
 from npend_gym._files import part_digest
 from npend_gym.cli import main
+from npend_gym.envs.registration import TASKS
 from npend_gym.experiments import analyse
 from npend_gym.rl import PlannedTransitions, Policy
 from npend_gym.rl.policies.shipped import find_policy
@@ -106,6 +107,12 @@ def test_a_mode_of_ones_own_is_imported_only_when_the_file_is_trusted(tmp_path, 
     assert not (tmp_path / "imported").exists()
     assert Policy.load(path, trust=True).env == env
     assert (tmp_path / "imported").exists()
+
+
+def test_a_policy_for_an_id_of_the_package_needs_no_trust(tmp_path):
+    env = {"n": 2, "observation": "sincos"} | TASKS["npend/DMAcrobot-v1"].keywords
+    path = write_policy(tmp_path / "a.safetensors", env)
+    assert Policy.load(path).config.mode.name == "dm_acrobot"
 
 
 # Its numbers; for shapes see test_rl_policy_files.py

@@ -15,6 +15,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID, TASKS
 from npend_gym.rl.evaluation.episodes import Evaluation, evaluate
 from npend_gym.rl.evaluation.seeds import HELD_OUT, MAX_SEED
+from npend_gym.rl.policies.checks import names_code
 from npend_gym.rl.policies.files import POLICY_FILE
 from npend_gym.rl.policies.policy import Policy
 
@@ -124,12 +125,12 @@ def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> 
         low, high = found.success_interval
         success = f"{row['success']:.1%}, 95 % confidence interval {low:.1%} to {high:.1%}"
     mean, deviation = float(found.returns.mean()), float(found.returns.std())
-    settling, mode, count = row["settling_time"], policy.env.get("mode", ""), found.returns.size
+    settling, count = row["settling_time"], found.returns.size
     held_out = seed >= HELD_OUT and seed + count - 1 <= MAX_SEED
     return _CARD.format(
         about=_metadata(hub, task, name, mean, deviation, row["success"]),
         name=name.rpartition("/")[2], repository=name if "/" in name else f"USER/{name}",
-        trust=", trust=True" if ":" in mode else "",
+        trust=", trust=True" if names_code(policy.env.get("mode")) else "",
         task=task, env_id=ENV_ID, version=__version__, layers=len(policy.weights),
         activation=policy.activation,
         numbers=sum(a.size for a in (*policy.weights, *policy.biases)),
