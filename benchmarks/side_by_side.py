@@ -9,9 +9,8 @@ protocol allows. `side_by_side.yml` has the settings, the same for all tasks.
 At even distances of steps the policy plays the same validation episodes, which count neither as
 steps nor as time. Each run is a file of `benchmarks/curves/`. A run whose file has as many steps is
 not trained again, and an interrupted run begins again. The last policies go into the folder
-`--models`, from where `npend benchmark` takes them: PPO/0/swingup-1.safetensors.
-
-`--publish` writes the tables and the picture of `docs/notes/side_by_side.md` from all files.
+`--models`, from where `npend benchmark` takes them: PPO/0/swingup-1.safetensors. `--publish` writes
+the tables and the picture of `docs/notes/side_by_side.md`, and a table of `docs/notes/learning.md`.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import json
 import os
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from copy import deepcopy
 from itertools import product
 from pathlib import Path
@@ -33,17 +32,10 @@ import numpy as np
 import torch
 import yaml
 from csv_tables import publish_table
+from scipy.stats import sem
 from stable_baselines3.common.callbacks import BaseCallback
 
-from npend_gym.rl import (
-    SUITES,
-    VALIDATION,
-    Policy,
-    bootstrap_interval,
-    evaluate,
-    interquartile_mean,
-    setting_of,
-)
+from npend_gym import rl
 from npend_gym.rl.training import Checkpoint, Stopwatch, imitation, shac
 from npend_gym.tools import machine, replacing
 
@@ -54,21 +46,19 @@ from train_sb3 import make_model  # noqa: E402
 FILES = HERE / "curves"
 FIGURE = HERE.parent / "docs" / "images" / "side_by_side.png"
 PAGE = HERE.parent / "docs" / "notes" / "side_by_side.md"
-SETTINGS: dict[str, dict[str, Any]] = yaml.safe_load(
-    (HERE / "side_by_side.yml").read_text(encoding="utf-8")
-)
+SETTINGS: dict[str, dict[str, Any]] = yaml.safe_load((HERE / "side_by_side.yml").read_bytes())
 OURS: dict[str, Any] = {"shac": shac, "imitation": imitation}
 TUNING: dict[str, dict[str, Any]] = {  # tasks of no suite, on which settings were chosen
     "balance-1": {"id": "npend/Balance-v1", "n": 1},
     "swingup-1-cart": {"id": "npend/CartPole-v1", "mode": "swingup"},
     "swingup-1-medium": {"id": "npend/SwingUp-v1", "n": 1, "difficulty": "medium"},
 }
-CORE = {name: task.env for name, task in SUITES["core"].items()}
-TASKS = CORE | {name: task.env for name, task in SUITES["hard"].items()} | TUNING
+PEERS = {"dm-acrobot": {"id": "npend/DMAcrobot-v1"}}  # tasks of other packages, of no suite
+CORE = {name: task.env for name, task in rl.SUITES["core"].items()}
+SUITED = CORE | {name: task.env for name, task in rl.SUITES["hard"].items()}
+TASKS = SUITED | TUNING | PEERS
 STEPS, SEEDS = 1_000_000, 5  # of the protocol
-EPISODES = 40  # of an evaluation
-EVALUATIONS = 40  # of a run
-SOLVED = 0.95
+EPISODES = EVALUATIONS = 40  # of an evaluation; of a run
 COLUMNS = "steps", "seconds", "return", "success"
 Run = dict[str, Any]
 Key = tuple[str, str, int]
@@ -87,15 +77,15 @@ class Curve:
         due = steps >= (len(self.rows) + 1) * self.steps / EVALUATIONS
         if last or (due and steps < self.steps):
             seconds = self.clock.seconds
-            found = evaluate(plain(model()), self.env, episodes=EPISODES, seed=VALIDATION)
+            found = rl.evaluate(plain(model()), self.env, episodes=EPISODES, seed=rl.VALIDATION)
             mean = round(float(found.returns.mean()), 2)
             self.rows.append((steps, round(seconds, 6), mean, found.success_rate))
             self.clock.seconds = seconds
 
 
-def plain(model: Any) -> Policy:
+def plain(model: Any) -> rl.Policy:
     """Return a model as a `Policy`, which acts faster."""
-    return model if isinstance(model, Policy) else Policy.from_sb3(model)
+    return model if isinstance(model, rl.Policy) else rl.Policy.from_sb3(model)
 
 
 class Calls(BaseCallback):
@@ -132,7 +122,7 @@ class Rounds(Checkpoint):
             self.curve.add(steps, lambda: learner.policy({}), last=round_ == last)
 
 
-def by_ours(chosen: dict[str, Any], curve: Curve, seed: int) -> Policy:
+def by_ours(chosen: dict[str, Any], curve: Curve, seed: int) -> rl.Policy:
     """Return a policy of a trainer of this package; `chosen` is given the length of the run."""
     trainer = OURS[chosen.pop("algo")]
     env = gym.spec(curve.env["id"]).kwargs | curve.env
@@ -143,7 +133,7 @@ def by_ours(chosen: dict[str, Any], curve: Curve, seed: int) -> Policy:
         of_round = default.num_envs * default.horizon
         chosen["total_timesteps"] = curve.steps
     else:
-        episode = round(default.seconds / setting_of(curve.env).config.dt) + default.standing
+        episode = round(default.seconds / rl.setting_of(curve.env).config.dt) + default.standing
         of_round = default.num_envs * episode
         chosen["rounds"] = max(2, curve.steps // of_round - 2 * default.guesses + 1)
     settings = trainer.Settings(env=env, seed=seed, **chosen)
@@ -155,7 +145,7 @@ def by_sb3(chosen: dict[str, Any], curve: Curve, seed: int) -> Any:
     env = dict(curve.env)
     section = {"n_timesteps": curve.steps} | {k: v for k, v in chosen.items() if k != "algo"}
     if (seconds := section.pop("episode", None)) is not None:
-        env["max_episode_steps"] = round(seconds / setting_of(env).config.dt)
+        env["max_episode_steps"] = round(seconds / rl.setting_of(env).config.dt)
     algo = locate(chosen["algo"]) or chosen["algo"]  # "sbx.SAC", or "ppo"
     model = make_model({"algo": algo, env.pop("id"): section | {"env_kwargs": env}}, seed)
     if chosen["algo"] == "ars":
@@ -187,13 +177,15 @@ def train(algorithm: str, task: str, seed: int, steps: int, models: Path) -> Run
     chosen = deepcopy(SETTINGS[algorithm])  # Stable-Baselines3 writes into policy_kwargs
     ours = chosen["algo"] in OURS
     curve = Curve(TASKS[task] | ({"observation": "sincos"} if ours else {}), steps)
-    model = (by_ours if ours else by_sb3)(chosen, curve, seed)
+    model = plain((by_ours if ours else by_sb3)(chosen, curve, seed))
     place = models / algorithm / str(seed)
     place.mkdir(parents=True, exist_ok=True)
-    plain(model).save(place / f"{task}.safetensors")
+    model.save(place / f"{task}.safetensors")
+    returns = rl.evaluate(model, curve.env).returns
     return {
         "algorithm": algorithm, "task": task, "seed": seed, "total_steps": steps,
         "env": curve.env, "settings": SETTINGS[algorithm] | chosen, "episodes": EPISODES,
+        "held_out": [round(float(x), 2) for x in (returns.mean(), sem(returns))],
         "machine": machine(("torch", "stable-baselines3", "sb3-contrib", "sbx-rl", "jax")),
         **dict(zip(COLUMNS, map(list, zip(*curve.rows, strict=True)), strict=True)),
     }  # fmt: skip
@@ -206,28 +198,27 @@ def write(path: Path, run: Run) -> None:
         file.write(f"{{\n{lines}\n}}\n")
 
 
-def groups(folder: Path, *, tuned: bool = False) -> dict[Key, list[Run]]:
+def groups(folder: Path, tasks: Collection[str] = SUITED) -> dict[Key, list[Run]]:
     """Return the seeds of each task, algorithm and number of steps, in order."""
-    names = list(TASKS), list(SETTINGS)
     found: dict[Key, list[Run]] = defaultdict(list)
     for path in sorted(folder.glob("*.json")):
         run = json.loads(path.read_text(encoding="utf-8"))
-        if (run["task"] in TUNING) == tuned:
+        if run["task"] in tasks:
             found[run["task"], run["algorithm"], run["total_steps"]].append(run)
-    order = sorted(found, key=lambda k: (names[0].index(k[0]), names[1].index(k[1]), k[2]))
+    order = sorted(found, key=lambda k: ([*TASKS].index(k[0]), [*SETTINGS].index(k[1]), k[2]))
     return {key: sorted(found[key], key=lambda run: run["seed"]) for key in order}
 
 
 def solved(run: Run) -> tuple[float, float]:
     """Return steps and seconds of the first evaluation with 95 % success, or infinity."""
     rows = zip(*(run[name] for name in COLUMNS), strict=True)
-    return next(((s, t) for s, t, _, success in rows if success >= SOLVED), (np.inf, np.inf))
+    return next(((s, t) for s, t, _, success in rows if success >= 0.95), (np.inf, np.inf))
 
 
 def mean_of(runs: list[Run], column: str, k: int = -1, draws: int = 500) -> tuple[float, ...]:
     """Return the interquartile mean over the seeds in one evaluation, with its interval."""
     values = np.array([[run[column][k]] for run in runs])
-    return interquartile_mean(values), *bootstrap_interval(values, resamples=draws)
+    return rl.interquartile_mean(values), *rl.bootstrap_interval(values, resamples=draws)
 
 
 def markdown(titles: tuple[str, ...], rows: list[list[str]]) -> str:
@@ -281,6 +272,16 @@ def tuning(found: dict[Key, list[Run]]) -> str:
     return markdown(("task", "tried", "steps", "success", "return", "time"), rows)
 
 
+def peers(found: dict[Key, list[Run]]) -> str:
+    """Return the table of returns in held-out episodes, with standard errors, of each seed."""
+    rows = [
+        [algorithm, grouped(steps), f"{np.mean([run['held_out'][0] for run in runs]):.0f}",
+         ", ".join("{:.0f} +- {:.0f}".format(*run["held_out"]) for run in runs)]
+        for (_, algorithm, steps), runs in found.items()
+    ]  # fmt: skip
+    return markdown(("algorithm", "steps", "mean return", "each seed +- standard error"), rows)
+
+
 def draw(found: dict[Key, list[Run]], path: Path) -> None:
     """Draw success and return against steps and processor time, a row for each task."""
     from matplotlib.figure import Figure
@@ -312,8 +313,9 @@ def draw(found: dict[Key, list[Run]], path: Path) -> None:
 def publish(folder: Path) -> None:
     """Write the tables and the picture of the page."""
     found = groups(folder)
-    for table in (results(found), costs(found), tuning(groups(folder, tuned=True))):
-        publish_table(PAGE, table.partition("\n")[0], table)
+    tables = [(PAGE, results(found)), (PAGE, costs(found)), (PAGE, tuning(groups(folder, TUNING)))]
+    for page, table in [*tables, (PAGE.with_name("learning.md"), peers(groups(folder, PEERS)))]:
+        publish_table(page, table.partition("\n")[0], table)
     draw(found, FIGURE)
 
 

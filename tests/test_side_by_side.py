@@ -78,6 +78,9 @@ def test_a_curve_ends_with_what_the_last_policy_does_on_the_public_id(
     found = rl.evaluate(model, env, episodes=3, seed=rl.VALIDATION)
     assert run["success"][-1] == found.success_rate
     assert run["return"][-1] == pytest.approx(found.returns.mean(), abs=0.02)
+    held_out = rl.evaluate(model, env, episodes=100).returns
+    error = held_out.std(ddof=1) / 10.0
+    assert run["held_out"] == pytest.approx([held_out.mean(), error], abs=0.02)
 
 
 @pytest.mark.long
@@ -173,7 +176,7 @@ def test_tables_have_interquartile_means_and_medians_over_seeds(curves, tmp_path
     # 8 tasks, 5 seeds, a million steps: at 50 and at 100 steps a second
     assert fast == ["PPO", "swingup-1", "50", f"{40e6 / 50 / 3600:.2g}"]
     assert slow == ["ARS", "swingup-1", "100", f"{40e6 / 100 / 3600:.2g}"]
-    tried = cells(curves.tuning(curves.groups(tmp_path, tuned=True)))
+    tried = cells(curves.tuning(curves.groups(tmp_path, curves.TUNING)))
     assert tried[2:] == [["balance-1", "PPO", "1 000", "100 %", "1", "1 s"]]
 
 
@@ -185,14 +188,18 @@ def test_runs_of_other_lengths_have_a_row_of_their_own(curves, tmp_path):
 
 
 @pytest.mark.long
-def test_the_page_has_the_tables_that_its_files_make(tmp_path, monkeypatch):
+def test_the_pages_have_the_tables_that_the_files_make(tmp_path, monkeypatch):
     script = importlib.import_module("side_by_side")
-    page = script.PAGE.read_text("utf-8")
-    monkeypatch.setattr(script, "PAGE", tmp_path / "page.md")
+    notes = script.PAGE.parent
+    monkeypatch.setattr(script, "PAGE", tmp_path / script.PAGE.name)
     monkeypatch.setattr(script, "draw", lambda *_: None)
-    script.PAGE.write_text(page, "utf-8")
+    names = script.PAGE.name, "learning.md"
+    for name in names:
+        (tmp_path / name).write_text((notes / name).read_text("utf-8"), "utf-8")
     script.publish(script.FILES)
-    assert script.PAGE.read_text("utf-8") == page, "python benchmarks/side_by_side.py --publish"
+    for name in names:
+        made, page = ((folder / name).read_text("utf-8") for folder in (tmp_path, notes))
+        assert made == page, "python benchmarks/side_by_side.py --publish"
 
 
 @pytest.mark.long
