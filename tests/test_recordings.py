@@ -5,6 +5,7 @@ import re
 import sys
 import tarfile
 import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -278,6 +279,25 @@ def test_a_ros_bag_is_read_by_the_stamps_of_its_headers(written):
     unstamped = read_recording(written(bag(BOTH, stamps=False)))
     assert unstamped.motion.times == pytest.approx(TIMES, abs=1e-9)
     assert "times are 'log time'" in unstamped.said[0]
+
+
+def test_the_folder_of_a_ros_bag_is_read_as_one_recording(tmp_path, capsys):
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    parts = np.array_split(np.arange(TIMES.size), 11)  # whose files are not in the order of names
+    for k, rows in enumerate(parts):
+        part = SimpleNamespace(
+            times=TIMES[rows], theta=BOTH.theta[rows], omega=np.zeros((rows.size, 2))
+        )
+        (tmp_path / f"swing_{k}.mcap").write_bytes(bag(part))
+    read = read_motion(tmp_path)
+    assert read.times == pytest.approx(TIMES, abs=1e-9)
+    assert read.theta == pytest.approx(BOTH.theta, abs=1e-12)
+    assert read.piece is None or np.ptp(read.piece) == 0.0
+    (tmp_path / "empty").mkdir()
+    for folder, said in ((tmp_path, "--lengths or --chain"), (tmp_path / "empty", "no folder of")):
+        with pytest.raises(SystemExit):
+            main(["identify", str(folder)])
+        assert said in capsys.readouterr().err
 
 
 def test_joints_of_a_ros_bag_are_columns_by_their_names(written, capsys):

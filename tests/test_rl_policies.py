@@ -7,8 +7,9 @@ import pytest
 from policy_files import random_policy, small_policy
 
 from npend_gym import Chain, rl
-from npend_gym.envs import EnvConfig
+from npend_gym.envs import EnvConfig, NPendulumEnv
 from npend_gym.rl import Policy, evaluate, observation_of, pretrained_names
+from npend_gym.rl.policies.model_card import task_of
 from npend_gym.rl.training.tasks import env_of_task
 
 
@@ -175,8 +176,11 @@ def test_a_policy_may_say_how_long_its_episodes_are(tmp_path):
     policy = replace(small_policy(), env=small_policy().env | {"max_episode_steps": 7})
     policy.save(tmp_path / "short.safetensors")
     loaded = Policy.load(tmp_path / "short.safetensors")
-    assert loaded.config.n == small_policy().config.n
+    assert loaded.config.n == EnvConfig(**loaded.env).n == small_policy().config.n
+    assert task_of(loaded.env) == "npend/Calm-v1"
     assert loaded.env == policy.env
+    with pytest.raises(TypeError, match=r"gym\.make\(\.\.\., max_episode_steps"):
+        NPendulumEnv(**loaded.env)
     envs = gym.make_vec("npend/SwingUp-v1", num_envs=1, **loaded.env)
     assert envs.unwrapped.max_episode_steps == 7
     with pytest.raises(ValueError, match="max_episode_steps must be"):

@@ -65,7 +65,8 @@ class EnvConfig(EnvSettings):
     **keywords
         Those of `NPendulumEnv`, all optional. As attributes they have the values that are used:
         `mode` is an instance, `dt` and `max_torque` are numbers, and `chain` has the masses,
-        lengths and all other parameters of the chain.
+        lengths and all other parameters of the chain. `max_episode_steps`, which `Policy.env` may
+        have, is left to the environment.
 
     Attributes
     ----------
@@ -107,8 +108,9 @@ class EnvConfig(EnvSettings):
     largest: Mapping[str, float] = field(init=False, repr=False)
 
     def __init__(self, **given_keywords: Unpack[EnvKeywords]) -> None:
-        check_names(EnvConfig, given_keywords)
-        keywords = unfolded(given_keywords)
+        own = {k: v for k, v in given_keywords.items() if k != "max_episode_steps"}
+        check_names(EnvConfig, own)
+        keywords = unfolded(own)
         given: dict[str, Any] = DEFAULTS | keywords
         given |= {name: rule(name, given[name]) for name, rule in RULES.items()}
         chain = check_weight(described_chain(keywords))
@@ -116,8 +118,8 @@ class EnvConfig(EnvSettings):
         given |= checked_cart(chain, given, keywords, mode)
         on_cart = given["base"] == "cart"
         if on_cart:
-            own = Cart(given["cart_mass"], given["rail_damping"])
-            chain = Chain.from_dict(chain.as_dict() | {"base": own})
+            cart = Cart(given["cart_mass"], given["rail_damping"])
+            chain = Chain.from_dict(chain.as_dict() | {"base": cart})
         if given["actuated"] is None:
             given["actuated"] = () if on_cart else (0,)
         joints = joints_of(given["actuated"], chain.n, least=0 if on_cart else 1)

@@ -123,6 +123,10 @@ _OTHER_NAMES = {
     "frame_skip": "substeps", "obs": "observation", "obs_type": "observation",
     "torque_limit": "max_torque", "task": "mode", "domain_randomization": "randomize",
 }  # fmt: skip
+_ELSEWHERE = {
+    "seed": "; a seed is given to reset(seed=...).",
+    "max_episode_steps": "; gym.make(..., max_episode_steps=...) takes it.",
+}
 
 
 def check_names(owner: type, keywords: Mapping[str, Any]) -> None:
@@ -132,7 +136,7 @@ def check_names(owner: type, keywords: Mapping[str, Any]) -> None:
             valid = list(inspect.signature(owner).parameters)
             other = _OTHER_NAMES.get(name)
             hint = f"; did you mean {other!r}?" if other else _checks.nearest(name, valid)
-            hint = "; a seed is given to reset(seed=...)." if name == "seed" else hint
+            hint = _ELSEWHERE.get(name, hint)
             raise TypeError(
                 f"{owner.__name__} got an unexpected keyword argument {name!r}{hint} "
                 f"It takes {', '.join(valid)}"

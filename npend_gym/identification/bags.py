@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from npend_gym.identification.tables import Column, Table
 _TYPE, _USUAL = "sensor_msgs/msg/JointState", "/joint_states"
 
 
-def read_bag(data: bytes) -> Table:
+def read_bag(*files: bytes) -> Table:
     """Return the joint states of a bag: positions by the names of joints, velocities, efforts.
 
-    Instants are stamps of the headers, from the first one on; those of the log where headers have
-    none. Positions are angles of joints. Cells that a message leaves out are NaN.
+    The bag may be split into several files. Instants are stamps of the headers, from the first one
+    on; those of the log where headers have none. Positions are angles of joints. Cells that a
+    message leaves out are NaN.
 
     Raises
     ------
@@ -30,7 +32,8 @@ def read_bag(data: bytes) -> Table:
     factory: Any = require("mcap_ros2.decoder", "ros", "ROS bags").DecoderFactory()
     topics, others = dict[str, list[tuple[int, Any]]](), set[str]()
     try:
-        for schema, channel, message in reader.make_reader(io.BytesIO(data)).iter_messages():
+        messages = (reader.make_reader(io.BytesIO(data)).iter_messages() for data in files)
+        for schema, channel, message in chain.from_iterable(messages):
             decode = factory.decoder_for(channel.message_encoding, schema)
             if decode is not None and schema.name == _TYPE:
                 states = topics.setdefault(channel.topic, [])

@@ -94,8 +94,9 @@ def read_motion(
     - Capstone: a time column for each run; rows of photogates are left out;
     - Logger Pro, Graphical Analysis: ``.cmbl``, ``.gambl``, CSV;
     - RealAIGym, joints of ROS: torques, and angles relative to the link above;
-    - ROS 2 bags in the format MCAP (extra "ros"): positions of ``sensor_msgs/JointState`` by the
-      stamps of their headers, relative to the link above, in the order of the first message;
+    - ROS 2 bags in the format MCAP, or their folders (extra "ros"): positions of
+      ``sensor_msgs/JointState`` by the stamps of their headers, relative to the link above, in the
+      order of the first message;
     - a cart: angle, and position of the cart;
     - tables with names after ``%`` or ``#``, below other lines, or above a line of units;
     - tables without names: time and angle, or time, x and y of a bob on an arc;
@@ -214,8 +215,8 @@ def _read_any(
 
 def _is_ours(path: Path, columns: dict[str, str]) -> bool:
     """Return whether the first line has our names, or those given, between commas."""
-    if path.exists() and not path.is_file():  # a FIFO would wait for ever
-        raise ValueError(f"{path} is no file")
+    if path.exists() and not path.is_file():  # `read_table` says what it is
+        return False
     with path.open("rb") as file:
         line = file.readline(100_000).decode("utf-8-sig", "replace")
     names = {columns.get(name.strip(), name.strip()) for name in line.replace('"', "").split(",")}

@@ -82,7 +82,7 @@ class Table:
 
 
 def read_table(path: Path) -> Table:
-    """Return the table in a file.
+    """Return the table in a file, or in the files of a bag's folder.
 
     Raises
     ------
@@ -91,15 +91,19 @@ def read_table(path: Path) -> Table:
     OSError
         If it cannot be read.
     """
-    if path.exists() and not path.is_file():  # a FIFO would wait for ever
-        raise ValueError(f"{path} is no file")
-    if path.stat().st_size > MAX_BYTES:
+    files = [path]
+    if path.is_dir():  # long bags are split
+        bags = [*path.glob("*.mcap")] or [*path.glob("*.db3")]
+        files = sorted(bags, key=lambda bag: (len(bag.name), bag.name))
+    if not files or any(one.exists() and not one.is_file() for one in files):  # a FIFO waits
+        raise ValueError(f"{path} is no file, and no folder of a ROS bag in the format MCAP")
+    if sum(one.stat().st_size for one in files) > MAX_BYTES:
         raise ValueError(f"{path} must have at most {MAX_BYTES} bytes")
-    data = path.read_bytes()
+    data, *others = (one.read_bytes() for one in files)
     if data.startswith(b"\x89MCAP0\r\n"):
         from npend_gym.identification.bags import read_bag  # it makes tables of this module
 
-        return read_bag(data)
+        return read_bag(data, *others)
     text, name = _text_of(data, path)
     if not text.strip():
         raise ValueError(f"{path} must have the column time, but it is empty")

@@ -133,13 +133,6 @@ def check_trust(env: dict[str, Any], *, trust: bool) -> None:
         )
 
 
-def of_config(env: dict[str, Any]) -> dict[str, Any]:
-    """Return the keywords without that of the length of episodes, which `EnvConfig` has not."""
-    if env.get("max_episode_steps") is not None:
-        _checks.count("max_episode_steps", env["max_episode_steps"], high=_MAX_STEPS)
-    return {name: value for name, value in env.items() if name != "max_episode_steps"}
-
-
 def check_env(env: dict[str, Any], observed: int, actions: int) -> None:
     """Raise an error for plain keywords that describe no environment for a policy of this size.
 
@@ -149,6 +142,8 @@ def check_env(env: dict[str, Any], observed: int, actions: int) -> None:
 
     if "n" in env:  # each rod is observed by one number at least
         _checks.count("n", env["n"], high=max(1, observed))
+    if env.get("max_episode_steps") is not None:
+        _checks.count("max_episode_steps", env["max_episode_steps"], high=_MAX_STEPS)
     _check_lists(env, max(observed, _MAX_ENTRIES))
     if env.get("dt") is not None:
         dt = _checks.positive_number("dt", env["dt"])
@@ -158,7 +153,7 @@ def check_env(env: dict[str, Any], observed: int, actions: int) -> None:
     for name in ("torque_levels", "goal_env"):
         if env.get(name):
             raise ValueError(f"{name} must be left out: a policy maps one array to torques")
-    config = EnvConfig(**of_config(env))
+    config = EnvConfig(**env)
     if (config.observed, config.joints.size) != (observed, actions):
         raise ValueError(
             f"the environment observes {config.observed} numbers and has {config.joints.size} "

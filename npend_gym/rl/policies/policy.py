@@ -23,7 +23,6 @@ from npend_gym.rl.policies.checks import (
     check_network,
     check_trust,
     dense_layers,
-    of_config,
 )
 from npend_gym.rl.policies.files import (
     CHECKSUM,
@@ -261,7 +260,7 @@ class Policy:
         """The settings of the environment that the policy is made for."""
         from npend_gym.envs.config import EnvConfig  # heavy
 
-        return EnvConfig(**of_config(self.env))
+        return EnvConfig(**self.env)
 
     def _scaled(self, observed: Float32Array) -> Float32Array:
         """Inputs of the network."""

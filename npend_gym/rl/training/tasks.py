@@ -16,7 +16,6 @@ from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import MAX_EPISODE_STEPS
 from npend_gym.envs.registration import TASKS as REGISTERED
 from npend_gym.rl.evaluation.seeds import training_seed
-from npend_gym.rl.policies.checks import of_config
 from npend_gym.rl.policies.policy import Policy
 
 if TYPE_CHECKING:
@@ -195,7 +194,7 @@ def evaluation_env(env: dict[str, Any]) -> dict[str, Any]:
     """Return the keywords for evaluation: episodes have the environment's own length, or 10 s."""
     from npend_gym.envs import EnvConfig
 
-    own = of_config(env)
+    own = {name: value for name, value in env.items() if name != "max_episode_steps"}
     steps = round(_LEAST_SECONDS / EnvConfig(**own).dt)
     return own | ({"max_episode_steps": steps} if steps > MAX_EPISODE_STEPS else {})
 
