@@ -133,6 +133,10 @@ CASES = {
         table("Zeit (s);Winkel (°)", TIMES, np.degrees(SWING), separator=";").encode("cp1252"),
         "a.csv", SWING, 1e-6, "in degrees",
     ),
+    "decimal commas within quotation marks": (
+        table("t,angle", *([f'"{v:.6f}"'.replace(".", ",") for v in column] for column in
+                           (TIMES, SWING[:, 0]))), "a.csv", SWING, 1e-6, "'angle', in radians",
+    ),
     "a preamble": (
         "Sample;7\nOperator;me\n\n" + table("t;theta", TIMES, SWING, separator=";"), "a.csv", SWING,
         1e-6, "'theta', in radians",
@@ -182,6 +186,7 @@ def test_times_that_begin_again_are_another_recording(written):
         (table("t,gyro_x", TIMES, SWING), "rates of a gyroscope must be about x, y and z"),
         (table("t,Acceleration x (m/s^2)", TIMES, SWING), "accelerations show no angle"),
         (table("", SWING, TIMES, ZERO), "such as --columns time=1,theta0=2"),
+        (table("t,angle", [f'"{997 + k:,}"' for k in range(300)], SWING), "t (text)"),
         (table("t,angle", TIMES, ["?"] * 9 + SWING[9:, 0].astype(str).tolist()), "must be a table"),
     ],
 )  # fmt: skip

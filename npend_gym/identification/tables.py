@@ -6,12 +6,14 @@ one. A new format is a new function in that list.
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 import statistics
 import tarfile
 import zipfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -25,6 +27,7 @@ from npend_gym._checks import FloatArray
 MAX_BYTES = 500_000_000
 _SEPARATORS = "\t", ";", ",", None  # None stands for any blanks
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 _EMPTY = "", "nan", "-", "z1 1:", "null", "none", "n/a"  # cells without a value, in lower case
 _COMMENT = "%", "#"  # before names, and before what a program says of itself
 # what files that have no table of numbers begin with
@@ -231,7 +234,8 @@ def _split(lines: Sequence[str], separator: str | None) -> Table | None:
     typical = [list(cells) for cells in zip(*(c for c in sample if len(c) == width), strict=True)]
     while typical and not any(cell.strip() for cell in typical[-1]):
         typical.pop()  # the separator stands at the end, too
-    width, comma = len(typical), separator != ","
+    width, commas = len(typical), [cell for cells in typical for cell in cells if "," in cell]
+    comma = separator != "," or not all(map(_THOUSANDS.fullmatch, commas))
     read = [_share(cells, comma) for cells in typical]
     numbers = [k for k in range(width) if read[k] >= _NUMBERS]
     if width < 2 or not numbers:
@@ -306,8 +310,8 @@ def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return line.split()
     if '"' in line:  # separators may stand within quotation marks
-        return [cell.strip('"') for cell in re.findall(rf'"[^"]*"|[^{separator}]+|(?<={separator})'
-                                                       rf"(?={separator}|$)", line)]  # fmt: skip
+        with suppress(csv.Error):  # of a cell that is too long
+            return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     return line.split(separator)
 
 
