@@ -348,3 +348,28 @@ def test_joined_environments_must_fit_each_other():
     envs = [joined(mode, lengths=(1,)) for mode in ("SAME_STEP", "DISABLED")]
     with pytest.raises(ValueError, match="envs must have one autoreset mode"):
         JoinedVectorEnv(envs)
+    with pytest.raises(TypeError, match="envs must be vector environments, got <TimeLimit"):
+        JoinedVectorEnv([gym.make("npend/SwingUp-v1")])
+
+
+def test_wrong_seeds_masks_and_actions_of_joined_environments_are_of_all_of_them():
+    envs = joined("DISABLED")
+    assert np.array_equal(envs.reset(seed=np.int64(5))[0], joined("DISABLED").reset(seed=5)[0])
+    mask = {"reset_mask": np.array([True, False])}
+    for message, call in (
+        ("each of the 4 sub-environments, got 3", lambda: envs.reset(seed=[1, 2, 3])),
+        ("seed must be an integer, got 'a'", lambda: envs.reset(seed="a")),
+        (r"reset_mask'\] must have the shape \(4,\)", lambda: envs.reset(options=mask)),
+        (r"each of the 4 sub-environments, got the shape \(3, 1\)", lambda: envs.step([[0.0]] * 3)),
+    ):
+        with pytest.raises((ValueError, TypeError), match=message):
+            call()
+
+
+def test_an_action_of_padded_rods_has_an_entry_for_each_joint_of_actuated():
+    env = PadRods(gym.make("npend/Balance-v1", n=1), n_max=3, actuated=(0, 1, 2))
+    envs = VectorPadRods(gym.make_vec("npend/Balance-v1", num_envs=2, n=1), 3, actuated=(0, 1, 2))
+    for each, wrong in ((env, 0.0), (env, [0.0, 0.0]), (envs, 0.0), (envs, [[0.0, 0.0]] * 2)):
+        each.reset(seed=0)
+        with pytest.raises(ValueError, match="action must have 3 entries"):
+            each.step(wrong)

@@ -21,8 +21,10 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.curriculum import config_below
+from npend_gym.envs.inputs import given_options, reset_mask
 from npend_gym.envs.keywords import joints_of
 from npend_gym.envs.observing import ObsArray
+from npend_gym.envs.seeds import checked_seeds
 
 
 class Padding:
@@ -70,6 +72,18 @@ class Padding:
         carts = int(config.has_cart)
         self.motors = [*range(carts), *(carts + joints.index(joint) for joint in own)]
         self.actions = gym.spaces.Box(-1.0, 1.0, (carts + len(joints),), np.float32)
+
+    def chosen(self, action: Any) -> Any:
+        """Return the entries of actions, (..., joints), that have a motor."""
+        if not self.actions.shape:
+            return action
+        given = np.asarray(action)
+        if given.shape[-1:] != self.actions.shape:
+            raise ValueError(
+                f"action must have {self.actions.shape[0]} entries, one for each of the joints in "
+                f"actuated, got the shape {given.shape}"
+            )
+        return given[..., self.motors]
 
     def padded(self, observation: Any) -> ObsArray:
         """Return observations, (..., k), in the space for `n_max` rods."""
@@ -127,9 +141,7 @@ class PadRods(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
 
     def step(self, action: Any) -> tuple[ObsArray, Any, bool, bool, dict[str, Any]]:
         """Take a step with the entries of the action that have a motor."""
-        if self.action_space.shape:
-            action = np.asarray(action)[self._padding.motors]
-        observation, *outcome = self.env.step(action)
+        observation, *outcome = self.env.step(self._padding.chosen(action))
         return self._padding.padded(observation), *outcome  # type: ignore[return-value]
 
 
@@ -173,7 +185,7 @@ class VectorPadRods(VectorActionWrapper, VectorObservationWrapper):  # pyright: 
 
     def actions(self, actions: Any) -> Any:
         """Return the entries of actions that have a motor, (B, joints)."""
-        return np.asarray(actions)[:, self._padding.motors] if np.ndim(actions) > 1 else actions
+        return self._padding.chosen(actions)
 
     def reset(
         self, *, seed: Any = None, options: dict[str, Any] | None = None
@@ -206,8 +218,8 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
 
     Raises
     ------
-    ValueError
-        If the spaces or the autoreset modes differ.
+    TypeError, ValueError
+        If the spaces or the autoreset modes differ, or one is no vector environment.
 
     Examples
     --------
@@ -227,6 +239,8 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
             raise ValueError("envs must have at least one vector environment, got none")
         first = self.envs[0]
         for each in self.envs:
+            if not hasattr(each, "single_action_space"):
+                raise TypeError(f"envs must be vector environments, got {_checks.show(each)}")
             for name in ("single_observation_space", "single_action_space"):
                 own, other = getattr(first, name), getattr(each, name)
                 if own != other:
@@ -252,11 +266,12 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
 
         Of `options`, "reset_mask" is of all sub-environments; others go to every environment.
         """
-        if isinstance(seed, int):
-            seed = [seed + k for k in range(self.num_envs)]
-        seeds = np.split(np.array(seed, object), self._parts) if seed is not None else None
-        every = np.ones(self.num_envs, np.bool_)
-        masks = np.split((options or {}).get("reset_mask", every), self._parts)
+        given = checked_seeds(seed, self.num_envs)
+        if isinstance(given, int):
+            given = [given + k for k in range(self.num_envs)]
+        seeds = np.split(np.array(given, object), self._parts) if given is not None else None
+        mask = given_options(options).get("reset_mask")
+        masks = np.split(reset_mask(mask, self.num_envs, every=False), self._parts)
         results: list[tuple[Any, dict[str, Any]]] = []
         for k, (env, mask) in enumerate(zip(self.envs, masks, strict=True)):
             if not mask.any():
@@ -268,7 +283,13 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Any, Any, BoolArray, BoolArray, dict[str, Any]]:
         """Take a step of all environments, one after the other."""
-        parts = zip(self.envs, np.split(np.asarray(actions), self._parts), strict=True)
+        given = np.asarray(actions)
+        if given.shape[:1] != (self.num_envs,):
+            raise ValueError(
+                f"action must have a row for each of the {self.num_envs} sub-environments, got the "
+                f"shape {given.shape}"
+            )
+        parts = zip(self.envs, np.split(given, self._parts), strict=True)
         results = [env.step(own) for env, own in parts]
         reward, terminated, truncated = (
             np.concatenate([each[k] for each in results]) for k in (1, 2, 3)

@@ -21,6 +21,19 @@ def checked_seed(seed: Any) -> int | None:
     return None if seed is None else _checks.count("seed", seed, low=0)
 
 
+def checked_seeds(seed: Any, count: int) -> Any:
+    """Return the seed of lane 0 of `count` as an int, a list with that of every lane, or None."""
+    of_lanes = seed.ndim > 0 if isinstance(seed, np.ndarray) else isinstance(seed, Sequence)
+    if not of_lanes or isinstance(seed, (str, bytes)):
+        return checked_seed(seed)
+    given = cast("Sequence[Any]", seed)
+    if len(given) != count:
+        raise ValueError(
+            f"seed must have an entry for each of the {count} sub-environments, got {len(given)}"
+        )
+    return [checked_seed(one) for one in given]
+
+
 class Seeds:
     """The seed of each of `count` sub-environments: sub-environment k of seed s has s + k.
 
@@ -33,21 +46,8 @@ class Seeds:
         self.keys: Keys = np.zeros((2, lanes), np.uint64)
         self._generators: tuple[np.random.Generator, ...] | None = None
 
-    def checked(self, seed: Any) -> Any:
-        """Return the seed of lane 0 as an int, a list with that of every lane, or None."""
-        of_lanes = seed.ndim > 0 if isinstance(seed, np.ndarray) else isinstance(seed, Sequence)
-        if not of_lanes or isinstance(seed, (str, bytes)):
-            return checked_seed(seed)
-        given = cast("Sequence[Any]", seed)
-        if len(given) != self._count:
-            raise ValueError(
-                f"seed must have an entry for each of the {self._count} sub-environments, "
-                f"got {len(given)}"
-            )
-        return [checked_seed(one) for one in given]
-
     def choose(self, seed: Any, lanes: BoolArray) -> LaneNumbers:
-        """Seed some sub-environments (B,) as `checked` has it; return those whose seed is new.
+        """Seed some lanes (B,) as `checked_seeds` has it; return those whose seed is new.
 
         A environment without a seed keeps the one it has. The first is drawn from the system where
         none was given.

@@ -32,6 +32,7 @@ from npend_gym.envs.keywords import CHAIN_KEYWORDS, EnvKeywords
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import CallGuard, Progress, check_running
 from npend_gym.envs.registration import ENV_ID, TASKS
+from npend_gym.envs.seeds import checked_seeds
 from npend_gym.envs.snapshots import States
 
 # Keywords that leave a task as hard as it is, or are in `chain` and `max_torque`
@@ -224,6 +225,6 @@ class ManyLanes(Session):
         every = before is not Progress.READY
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
         checked = self._checked_options(given)
-        seeds = self._episodes.seeds.checked(seed)
+        seeds = checked_seeds(seed, self.num_envs)
         self._begin("reset", before).seed(seeds, mask)
         return mask, checked
