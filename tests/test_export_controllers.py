@@ -273,7 +273,7 @@ def test_the_command_writes_what_the_function_writes(tmp_path, refusal):
     assert written.read_bytes() == expected.read_bytes()
     assert "give either a policy, or --controller" in refusal(*options, "calm-1")
     to_torch = ["export", "--controller", "plan", "--to", "torch", "-o", str(tmp_path / "a.pt2")]
-    assert "--controller is for --to c" in refusal(*to_torch)
+    assert "--controller plan is for --to c" in refusal(*to_torch)
     of_mpc = ["export", "--controller", "MPC", "--to", "c", "-o", str(written)]
     message = "--controller must be one of LQR, damping, plan; got 'MPC'"
     assert message in refusal(*of_mpc)

@@ -29,6 +29,7 @@ _MEANT = {
     "--amplitude": "--theta",
     "--time": "--duration",
     "--friction": "--damping",
+    "--set": "--env",
 }
 
 

@@ -156,6 +156,7 @@ def chosen(
 
     if (policy is None) == (controller is None):
         raise ValueError("give either a policy, or --controller with its --task")
+    refuse_said(env, ("id",), "--env-id")
     if controller is not None:
         task = task or _TASK
         refuse_said(env, ("n", "mode"), f"--task {task}")

@@ -93,16 +93,18 @@ def run(
     of_c = {"prefix": prefix, "relative": relative}
     _refuse([name for name, value in of_c.items() if value not in (None, False)], to, "c")
     _refuse(list(model), to, "mjcf")
-    if to not in ("c", "onnx", "torch") or controller == "plan":
-        _refuse([] if controller is None else ["controller"], to, "c")
+    if controller == "plan":
+        _refuse(["controller plan"], to, "c")
     if controller is None and (task is not None or env):
         raise ValueError("--task and --env are for a --controller: a policy has its environment")
     formats: dict[str, Any] = {"mjcf": mjcf, "urdf": urdf, "sdf": sdf, "usd": usd}
     if to in formats:
         if chain is None:
             raise ValueError(f"--to {to} needs --chain")
-        if policy is not None or trust:
-            raise ValueError(f"policy must be left out with --to {to}, which writes a chain")
+        if policy is not None or controller is not None or trust:
+            raise ValueError(
+                f"policy and --controller must be left out with --to {to}, which writes a chain"
+            )
         given, lacks = as_chain(chain), formats[to].LACKS
         whole = mjcf.without(given, drop, f"--to {to}", lacks)
         for name, value in mjcf.held(given, drop).items():

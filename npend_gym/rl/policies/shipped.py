@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from npend_gym import _checks
 from npend_gym.rl.policies.files import pretrained_names, pretrained_path
 from npend_gym.rl.policies.policy import Policy
 
@@ -13,7 +14,8 @@ def policy_path(name: str) -> Path:
     names = pretrained_names()
     path = pretrained_path(name) if name in names else Path(name)
     if not path.is_file():
-        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}")
+        near = _checks.nearest(name, names).rstrip(";")
+        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}{near}")
     return path
 
 
