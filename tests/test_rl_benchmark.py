@@ -300,6 +300,27 @@ def test_the_command_compares_files(shipped, tmp_path, capsys):
     assert "give a model, --compare or --check" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("random --tasks swingup-99", "tasks must be one of swingup-1"),
+        ("random --compare . --episodes 3", "episodes must be 100 with --compare, got 3"),
+        ("--compare . --suite hard", "must have results of the suite hard, got ['core']"),
+        ("--compare . --out new", "--out must be left out without a model; got new"),
+        ("--compare . --env-steps 9", "--env-steps must be left out without a model"),
+        ("--check e-core-0.json --json", "--json must be left out with --check"),
+        ("random --check e-core-0.json --compare .", "--compare must be left out with --check"),
+    ],
+)
+def test_options_that_the_command_would_not_use_are_refused_before_it_plays(
+    options, message, tmp_path, monkeypatch, refusal
+):
+    rl.benchmark({"balance-2": still}, name="e", episodes=1).write(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert message in refusal("benchmark", *options.split())
+    assert not (tmp_path / "new").exists()
+
+
 # -- statistics -------------------------------------------------------------------------------
 
 

@@ -74,20 +74,36 @@ def run(
     out : folder, optional
         Write a JSON and a CSV for each run there.
     """
+    from npend_gym import _checks
     from npend_gym.rl.benchmarking.comparison import compare_benchmarks
     from npend_gym.rl.benchmarking.play import benchmark
     from npend_gym.rl.benchmarking.readers import read_models
     from npend_gym.rl.benchmarking.results import read_benchmarks
-    from npend_gym.rl.benchmarking.suites import SUITES
+    from npend_gym.rl.benchmarking.suites import EPISODES, SUITES
 
+    of_model: dict[str, Any] = {"name": name, "env-steps": env_steps, "by": by, "out": out}
+    unused = {} if model is not None and check is None else of_model
+    if check is not None:
+        unused = of_model | {"compare": compare, "tasks": tasks, "json": as_json or None}
+    for option, value in unused.items():
+        if value is not None:
+            where = "without a model" if check is None else "with --check"
+            raise ValueError(f"--{option} must be left out {where}; got {value}")
     if check is not None:
         return _checked(check, model, algorithm, trust=trust, tolerance=tolerance)
     if model is None and compare is None:
         raise ValueError("give a model, --compare or --check")
+    for each in tasks or ():
+        _checks.choice("tasks", each, tuple(SUITES[suite]))
     if out is not None and model is not None:
         prepare_results(out, "npend benchmark")
     known = [] if compare is None else read_benchmarks([compare])
     others = [each for each in known if each.suite == suite]
+    if compare is not None and not others:
+        found = sorted({each.suite for each in known})
+        raise ValueError(f"{compare} must have results of the suite {suite}, got {found}")
+    if others and model is not None and episodes != EPISODES:
+        raise ValueError(f"episodes must be {EPISODES} with --compare, got {episodes}")
     runs: list[Any] = []
     chosen = SUITES[suite].__contains__ if tasks is None else list(tasks).__contains__
     if model is not None:
@@ -108,9 +124,6 @@ def run(
                     progress=shown,
                 )
             )
-    shorter = any(not each.complete for each in runs)
-    if shorter and others:
-        raise ValueError(f"episodes must be 100 with --compare, got {episodes}")
     rows = compare_benchmarks([*runs, *others], tasks=tasks) if others else []
     with finishing():
         written = [] if out is None else [path for each in runs for path in each.write(out)]
