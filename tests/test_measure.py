@@ -63,6 +63,10 @@ def test_several_recordings_count_together():
         ({"length": 0.5, "gravity": 9.8}, "gravity must be left out with length"),
         ({"length": -1.0}, "length must be greater than zero"),
         ({"radius": -1.0}, "radius must"),
+        ({"length": 0.5, "radius": 20.0}, "radius must be less than"),
+        ({"gravity": 9.8, "radius": 20.0}, "radius must be less than"),
+        ({"radius": 0.02}, "radius must be left out without length or gravity"),
+        ({"gravity": 9.8, "length_error": 0.001}, "length_error must be left out without length"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(given, message):

@@ -128,6 +128,10 @@ def measure_swings(
     gravity = None if gravity is None else _checks.positive_number("gravity", gravity)
     length_error = _checks.nonnegative_number("length_error", length_error)
     radius = _checks.nonnegative_number("radius", radius)
+    if length is None and length_error > 0.0:
+        raise ValueError(f"length_error must be left out without length, got {length_error:g}")
+    if length is None and gravity is None and radius > 0.0:
+        raise ValueError(f"radius must be left out without length or gravity, got {radius:g}")
     runs = [_swings_of(motion.times[rows], motion.theta[rows, 0]) for rows in motion.stretches()]
     runs = [run for run in runs if run[1].size]
     if sum(run[1].size for run in runs) < _LEAST:
@@ -168,6 +172,11 @@ def measure_swings(
         reduced = gravity / square
         long = 0.5 * (reduced + math.sqrt(max(reduced**2 - 1.6 * radius**2, 0.0)))
         found, found_error, long_error = gravity, 0.0, 2.0 * reduced * period_error / period
+    if radius >= long:
+        raise ValueError(
+            f"radius must be less than the distance of the bob's centre, {long:.4g} m, got "
+            f"{radius:g} m"
+        )
     return Swings(
         times=times, amplitudes=amplitudes, periods=periods, small_period=period,
         small_period_error=period_error, decay=decay, decay_error=decay_error, quality=quality,
