@@ -162,12 +162,6 @@ def measure_swings(
         found, long, long_error = square * reduced, length, length_error
         by_length = square * (1.0 - 0.4 * radius**2 / length**2) * length_error
         found_error = math.hypot(2.0 * found * period_error / period, by_length)
-        if not 1.0 / _FAR < found / _EARTH < _FAR:
-            warn_caller(
-                f"gravity is about {_EARTH} m/s^2 on the Earth, but {found:.4g} m/s^2 follows from "
-                f"the length {length:.4g} m: that must be from the pivot to the centre of a bob on "
-                f"a thread, in metres; or times must be divided by {math.sqrt(_EARTH / found):.3g}"
-            )
     elif gravity is not None:
         reduced = gravity / square
         long = 0.5 * (reduced + math.sqrt(max(reduced**2 - 1.6 * radius**2, 0.0)))
@@ -176,6 +170,12 @@ def measure_swings(
         raise ValueError(
             f"radius must be less than the distance of the bob's centre, {long:.4g} m, got "
             f"{radius:g} m"
+        )
+    if length is not None and not 1.0 / _FAR < found / _EARTH < _FAR:
+        warn_caller(
+            f"gravity is about {_EARTH} m/s^2 on the Earth, but {found:.4g} m/s^2 follows from "
+            f"the length {length:.4g} m: that must be from the pivot to the centre of a bob on "
+            f"a thread, in metres; or times must be divided by {math.sqrt(_EARTH / found):.3g}"
         )
     return Swings(
         times=times, amplitudes=amplitudes, periods=periods, small_period=period,
