@@ -41,6 +41,17 @@ def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
         assert [int(row["steps"]) for row in csv.DictReader(file)] == [320, 640, 960]
 
 
+def test_a_training_with_discrete_actions_is_judged_with_them(tmp_path, monkeypatch):
+    imitation = pytest.importorskip("npend_gym.rl.training.imitation")
+    policy = Policy.pretrained("swingup-1")
+    monkeypatch.setattr(imitation, "train", lambda *_: (policy, [{"steps": 1}]))
+    arguments = ["--algorithm", "imitation", "--env", "torque_levels=3", "--out", str(tmp_path)]
+    assert main(["train", "swingup-1", *arguments]) == 0
+    judged = Policy.load(tmp_path / "swingup-1.safetensors").provenance["evaluation"]
+    assert judged == evaluate(policy, policy.env | {"torque_levels": 3}).as_row()
+    assert judged != evaluate(policy, policy.env).as_row()
+
+
 @pytest.mark.long
 def test_evaluate_tells_what_evaluate_and_robustness_return(trained, tmp_path, capsys):
     path = trained / "swingup-1.safetensors"

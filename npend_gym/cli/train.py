@@ -102,7 +102,8 @@ def run(
     checkpoint = Checkpoint(using, kept, resume=resume)
     try:
         policy, curve = chosen.train(using, task, checkpoint)
-        row = evaluate(policy, policy.env).as_row()
+        discrete = {"torque_levels": using.env.get("torque_levels")}  # which no policy names
+        row = evaluate(policy, policy.env | discrete).as_row()
         policy.provenance["evaluation"] = row
         policy.save(path)
     except BaseException as error:

@@ -94,7 +94,8 @@ def train(
     using = chosen.settings_of(task, seed=seed, **settings)
     using = replace(using, env={**using.env, **(env or {})})
     policy, curve = chosen.train(using)
-    row = rl.evaluate(policy, policy.env, episodes=episodes).as_row()
+    judged = policy.env | {"torque_levels": using.env.get("torque_levels")}  # in no policy
+    row = rl.evaluate(policy, judged, episodes=episodes).as_row()
     return {"steps": curve[-1]["steps"], **row}
 
 
