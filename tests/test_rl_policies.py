@@ -179,6 +179,8 @@ def test_a_policy_may_say_how_long_its_episodes_are(tmp_path):
     assert loaded.config.n == EnvConfig(**loaded.env).n == small_policy().config.n
     assert task_of(loaded.env) == "npend/Calm-v1"
     assert loaded.env == policy.env
+    with pytest.raises(TypeError, match="max_episode_steps must be an integer, got 'abc'"):
+        EnvConfig(**loaded.env | {"max_episode_steps": "abc"})
     with pytest.raises(TypeError, match=r"gym\.make\(\.\.\., max_episode_steps"):
         NPendulumEnv(**loaded.env)
     envs = gym.make_vec("npend/SwingUp-v1", num_envs=1, **loaded.env)

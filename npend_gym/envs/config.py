@@ -108,7 +108,9 @@ class EnvConfig(EnvSettings):
     largest: Mapping[str, float] = field(init=False, repr=False)
 
     def __init__(self, **given_keywords: Unpack[EnvKeywords]) -> None:
-        own = {k: v for k, v in given_keywords.items() if k != "max_episode_steps"}
+        own: dict[str, Any] = {**given_keywords}
+        if (steps := own.pop("max_episode_steps", None)) is not None:
+            _checks.count("max_episode_steps", steps)
         check_names(EnvConfig, own)
         keywords = unfolded(own)
         given: dict[str, Any] = DEFAULTS | keywords

@@ -19,7 +19,7 @@ from npend_gym._version import __version__
 from npend_gym.export.about import described
 from npend_gym.export.feedback import policy_of
 from npend_gym.rl.controllers.feedback import StateFeedback
-from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.policies.policy import Policy, arrays_of
 
 _OPSET, _IR = 17, 8  # of ONNX 1.12, which every runtime reads
 # Models in the text of ONNX
@@ -90,7 +90,7 @@ def to_onnx(policy: Policy | StateFeedback, path: str | PathLike[str]) -> None:
     fields |= {"older": length - 1, "network": "\n".join(nodes), "opset": _OPSET, "ir": _IR}
     model = onnx.parser.parse_model(Template(text).substitute(fields))
     model.producer_name, model.producer_version = "npend_gym", __version__
-    numbers = _numbers(policy) | {"least": np.float32(-1.0), "most": np.float32(1.0)}
+    numbers = arrays_of(policy) | {"least": np.float32(-1.0), "most": np.float32(1.0)}
     numbers |= {"low": np.float32(-policy.limit), "high": np.float32(policy.limit)}
     for name, array in numbers.items():
         if any(re.search(rf"\b{name}\b", node) for node in nodes):
@@ -174,7 +174,7 @@ def _module(torch: Any, policy: Policy) -> Any:
     class _Exported(torch.nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            for name, array in _numbers(policy).items():
+            for name, array in arrays_of(policy).items():
                 self.register_buffer(name, torch.tensor(array))
 
         def act(self, signal: Any) -> Any:
@@ -200,15 +200,6 @@ def _module(torch: Any, policy: Policy) -> Any:
             return action, torch.cat([newest, frames[:, :-1]], 1)
 
     return _Exported().eval()
-
-
-def _numbers(policy: Policy) -> dict[str, Any]:
-    """Return the arrays of a network by their names in the files."""
-    arrays: dict[str, Any] = {"scale": policy.scale}
-    arrays |= {} if policy.offset is None else {"offset": policy.offset}
-    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
-        arrays |= {f"weight{k}": weight, f"bias{k}": bias}
-    return arrays
 
 
 def _nodes(policy: Policy, given: str) -> list[str]:

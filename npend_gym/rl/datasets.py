@@ -17,6 +17,7 @@ from npend_gym._progress import bar
 from npend_gym._version import __version__
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID
+from npend_gym.rl.benchmarking.readers import RandomActions
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.rollouts import Controller, forget
@@ -64,13 +65,7 @@ def source_of(
     if kind == "plans":
         return _planned(env, plans, progress)
     if kind == "random":
-        rng, joints = np.random.default_rng(seed), setting_of(env).config.joints.size
-
-        def drawn(observation: Any, info: dict[str, Any]) -> NDArray[np.float64]:
-            del info
-            return rng.uniform(-1.0, 1.0, (len(observation), joints))
-
-        return Source(drawn, env, 0.0, "Random torques.")
+        return Source(RandomActions(env, seed), env, 0.0, "Random torques.")
     name = f"{task}-robust" if kind == "robust" else task
     if name not in pretrained_names():
         known = [

@@ -138,7 +138,7 @@ class Policy:
 
     def _key(self) -> tuple[Any, ...]:
         """Return the network: its numbers, by their shapes and bytes, and its functions."""
-        numbers = ((array.shape, array.tobytes()) for array in self._arrays().values())
+        numbers = ((array.shape, array.tobytes()) for array in arrays_of(self).values())
         return (*numbers, self.limit, self.activation, self.output)
 
     def __eq__(self, other: object) -> bool:
@@ -275,13 +275,6 @@ class Policy:
         mean = signal @ self.weights[-1].T + self.biases[-1]
         return np.tanh(mean) if self.output == "tanh" else np.clip(mean, -1.0, 1.0)
 
-    def _arrays(self) -> dict[str, Float32Array]:
-        """Return the numbers of the network by their names in a file."""
-        arrays = {"scale": self.scale} | ({} if self.offset is None else {"offset": self.offset})
-        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            arrays |= {f"weight{k}": weight, f"bias{k}": bias}
-        return arrays
-
     def save(self, path: str | PathLike[str]) -> None:
         """Write the policy to a file: numbers, `env` and `provenance`.
 
@@ -302,7 +295,7 @@ class Policy:
         about = {"env": plain_keywords(self.env)} | self.provenance
         if self._functions:
             about["network"] = self._functions
-        write_policy(Path(path), self._arrays(), about)
+        write_policy(Path(path), arrays_of(self), about)
 
     @classmethod
     def from_sb3(cls, model: Any, env: Any = None) -> Policy:
@@ -395,6 +388,14 @@ class Policy:
     def pretrained(cls, name: str) -> Policy:
         """Load a policy that comes with the package, such as "swingup-2"."""
         return cls.load(pretrained_path(name))
+
+
+def arrays_of(policy: Policy) -> dict[str, Float32Array]:
+    """Return the numbers of the network by their names in a file."""
+    arrays = {"scale": policy.scale} | ({} if policy.offset is None else {"offset": policy.offset})
+    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        arrays |= {f"weight{k}": weight, f"bias{k}": bias}
+    return arrays
 
 
 def _as_float32(name: str, given: Any) -> Float32Array:
