@@ -16,6 +16,9 @@ stays the same for a whole episode. Three things leave fewer numbers to find:
   rod.
 - Two units add up, each with a limit that is found too. Large swings need a weak motor that does
   not whip the chain, small ones a strong response.
+
+With 50 rods hardly any weights near zero are stable. So from 40 rods on the first unit starts as
+LQR whose cost is the energy. LQR's gains are one more row that the weights may vary along.
 """
 
 from __future__ import annotations
@@ -31,8 +34,9 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from npend_gym.envs import EnvConfig
+from npend_gym.physics import mass_matrix
 from npend_gym.report import write_csv
-from npend_gym.rl import Policy, episode_seeds, setting_of
+from npend_gym.rl import Policy, episode_seeds, lqr, setting_of
 from npend_gym.rl.training import (
     OF_ENV,
     Checkpoint,
@@ -52,9 +56,15 @@ TASKS: dict[str, dict[str, Any]] = {
     "calm-5": {"num_steps": 400},
     "calm-10": {"num_steps": 500},
     "calm-20": {"updates": 160, "num_steps": 800, "noise_std": 0.007, "learning_rate": 0.01},
-}
+    "calm-50": {
+        "updates": 150, "pairs": 24, "num_steps": 2400, "noise_std": 0.006, "learning_rate": 0.006
+    },
+}  # fmt: skip
 LIMITS = np.array([0.1, 0.5])  # of the units at first, over the motor's
 DEGREE, STEEP = 3, 10.0  # of the polynomial; how much faster logarithms of limits change
+LONG = 40  # rods: from here on the first unit starts as LQR, with these limits, and
+LIMITS_OF_LONG, ACTION_WEIGHT = np.array([0.2, 0.1]), 100.0
+GENTLE = 0.1  # times the changes of limits and of the weights of speeds
 
 
 @dataclass(frozen=True)
@@ -83,6 +93,17 @@ def smooth(config: EnvConfig) -> FloatArray:
     return block_diag(np.hstack([of_rods, np.zeros_like(of_rods)]), *of_speeds, rest)
 
 
+def with_lqr(config: EnvConfig, basis: FloatArray) -> FloatArray:
+    """Return `basis` with gentler changes of speeds' weights, and LQR's gains as a last row."""
+    n, chain = config.n, config.chain
+    if config.has_cart or not config.observe_velocities:
+        raise ValueError(f"n must be below {LONG} on a cart or without velocities, got {n}")
+    gentle = basis * np.repeat([1.0, GENTLE], len(basis) // 2)[:, None]
+    cost = block_diag(np.diag(chain.gravity * chain.lift), mass_matrix(chain, np.zeros(n)))
+    gains = lqr(config, 0.0, Q=cost / cost[0, 0], R=[ACTION_WEIGHT]).gain[0]
+    return np.vstack([gentle, -np.concatenate([gains[:n], np.zeros(n), gains[n:]])])
+
+
 class Search:
     """A policy that follows the returns of candidates near it."""
 
@@ -93,14 +114,19 @@ class Search:
         count = settings.updates + 1
         # that of an update is the same for all candidates
         self.seeds = episode_seeds("training", count, run=settings.seed, spacing=1000)
-        self.basis = smooth(config)
-        # of each unit: of the rows of `basis`, then the logarithm of its limit over `STEEP`
+        self.basis, self.limits, self.steep = smooth(config), LIMITS, STEEP
+        if config.n >= LONG:
+            self.basis, self.limits = with_lqr(config, self.basis), LIMITS_OF_LONG
+            self.steep *= GENTLE
+        # of each unit: of the rows of `basis`, then the logarithm of its limit over `steep`
         self.parameters = np.zeros((len(LIMITS), len(self.basis) + 1))
+        if config.n >= LONG:
+            self.parameters[0, -2] = 1.0  # of LQR's gains
         self.moments = np.zeros((2, *self.parameters.shape))  # of Adam
 
     def units(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return weights (..., units, inputs) and limits (..., units) of parameters."""
-        limits = LIMITS * np.exp(STEEP * parameters[..., -1])
+        limits = self.limits * np.exp(self.steep * parameters[..., -1])
         return parameters[..., :-1] @ self.basis, limits
 
     def update(self, envs: Any, update: int) -> tuple[FloatArray, BoolArray]:
@@ -176,12 +202,16 @@ def play(
 def policy_of(
     weights: FloatArray, limits: FloatArray, settings: Settings, last: dict[str, Any]
 ) -> Policy:
-    """Return the units as a network of plain arrays, with what made it."""
+    """Return the units as a network of plain arrays, with what made it.
+
+    Episodes of its environment last as long as those of the training where these are longer.
+    """
+    steps = settings.num_steps
     return Policy(
         scale=np.ones(weights.shape[1], np.float32),
         weights=[np.float32(weights / limits[:, None]), np.float32(limits[None])],
         biases=[np.zeros(len(limits), np.float32), np.zeros(1, np.float32)],
-        env=evaluation_env(settings.env),
+        env=evaluation_env(settings.env) | ({"max_episode_steps": steps} if steps > 1000 else {}),
         provenance=made_by(SCRIPT, settings, last),
     )
 

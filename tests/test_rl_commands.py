@@ -195,6 +195,25 @@ def test_evolution_strategies_count_an_episode_until_it_is_terminated():
     assert not success.any()
 
 
+def test_evolution_strategies_start_as_lqr_where_a_chain_is_long():
+    from evolution_strategies import Search, play, settings_of
+
+    settings = settings_of("calm-50")
+    small = {"amplitude": 0.02, "spread": 0.0}  # rad: no unit is near its limit
+    envs = gym.make_vec("NPendulum-v0", 2, **settings.env | small)
+    search = Search(settings, envs.unwrapped.config)
+    weights, limits = search.units(search.parameters)
+    assert not weights[1].any()
+    both = np.stack([weights, 0.0 * weights])
+    play(envs, both, np.stack([limits, limits]), 900, seed=0)
+    calmed, idle = envs.step(np.zeros((2, 1), np.float32))[4]["energy"]
+    assert 0.0 < calmed < 0.2 * idle
+    on_cart = settings_of("calm-40").env | {"base": "cart"}
+    cart = gym.make_vec("NPendulum-v0", 1, **on_cart).unwrapped.config
+    with pytest.raises(ValueError, match="n must be below 40 on a cart"):
+        Search(settings, cart)
+
+
 def test_the_script_repeats_the_settings_in_the_records_of_its_policies():
     from evolution_strategies import SCRIPT, settings_of
 
