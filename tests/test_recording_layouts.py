@@ -171,6 +171,13 @@ def test_the_cart_of_a_recording_of_another_program_is_read_as_one_that_moves(wr
         measure_swings(read.motion)
 
 
+def test_rows_without_a_time_are_counted_among_those_left_out(written):
+    times = [f"{time:.8g}" if k % 10 else "" for k, time in enumerate(TIMES.tolist())]
+    read = read_recording(written(table("t,angle", times, SWING)))
+    assert read.motion.times.size == 270
+    assert "30 of 300 rows have empty cells and are left out" in read.said[0]
+
+
 def test_times_that_begin_again_are_another_recording(written):
     read = read_recording(written(PLAIN + PLAIN.replace("time,angle\n", "")))
     assert np.bincount(read.motion.piece).tolist() == [300, 300]
@@ -186,6 +193,7 @@ def test_times_that_begin_again_are_another_recording(written):
         (table("t,gyro_x", TIMES, SWING), "rates of a gyroscope must be about x, y and z"),
         (table("t,Acceleration x (m/s^2)", TIMES, SWING), "accelerations show no angle"),
         (table("", SWING, TIMES, ZERO), "such as --columns time=1,theta0=2"),
+        (table("t,angle", [""] * 300, SWING), "the column 't' must have times, but it is empty"),
         (table("t,angle", [f'"{997 + k:,}"' for k in range(300)], SWING), "t (text)"),
         (table("t,angle", TIMES, ["?"] * 9 + SWING[9:, 0].astype(str).tolist()), "must be a table"),
     ],

@@ -126,12 +126,12 @@ def _of_run(
     moving = [one for one in by_role.get("position", []) if one.moves]
     needed = [*chosen, *y, *torques, *moving, *by_role.get("piece", ())]
     cells = np.column_stack([times, *(one.column.values for one in needed)])
-    full = np.all(np.isfinite(cells), axis=1)
+    filled = np.isfinite(cells)
+    full, some = np.all(filled, axis=1), np.any(filled, axis=1)
     if np.any(np.abs(cells[full]) > _checks.LARGEST):
         raise ValueError(f"the file must have numbers of at most {_checks.LARGEST:g} in size")
-    empty = int(np.sum(~full & np.isfinite(times)))
-    if empty:
-        said.append(f"{empty} of {np.isfinite(times).sum()} rows have empty cells and are left out")
+    if empty := int(some.sum() - full.sum()):
+        said.append(f"{empty} of {some.sum()} rows have empty cells and are left out")
     if table.lost:
         said.append(f"{table.lost} lines are no rows of the table and are left out")
     names = ", ".join(repr(one.column.name) for one in [*chosen, *y])
@@ -230,6 +230,8 @@ def _times(
             + ", and frames a second by fps"
         )
     chosen = next((one for one in own if one.moves), own[0])
+    if not np.isfinite(chosen.values).any():
+        raise ValueError(f"the column {chosen.column.name!r} must have times, but it is empty")
     times, unit, start = chosen.values, chosen.unit, np.nanmin(np.abs(chosen.values))
     if not unit:
         unit = ("s", "ms", "us", "ns")[sum(start >= size for size in _SINCE_1970)]
