@@ -86,6 +86,8 @@ REFUSED = [
     ("campaign --out /dev/null/x --n 2", "out must be a folder"),
     ("campaign nowhere.toml --out {new}", "No such file"),
     ("analyse {new}", "there is no campaign"),
+    ("campaign --status {new} --n 3", "n must be left out with --status and --merge"),
+    ("campaign --merge {new} --out elsewhere", "out must be left out with --status and --merge"),
     # learning
     ("evaluate", "give either a policy, or --controller"),
     ("evaluate swingup-1 --controller LQR", "give either a policy"),

@@ -96,6 +96,11 @@ def run(
     if status is not None and merge is not None:
         raise ValueError("--merge must be left out with --status")
     if status is not None or merge is not None:
+        beside = {"plan": plan, "out": out, "study": study, "shard": shard, **values}
+        for name in (name for name, value in beside.items() if value is not None):
+            raise ValueError(
+                f"{name} must be left out with --status and --merge, which name a folder"
+            )
         return _look(status, merge)
     if out is None:
         raise ValueError("--out must be given: the folder of the results")
