@@ -110,6 +110,8 @@ def test_the_threshold_of_a_task_is_left_out_where_keywords_make_another_task(ma
         {"randomize": {"masses": [0.9, 1.1]}},
     )  # fmt: skip
     assert {threshold(**keywords) for keywords in others} == {None}
+    if make is not gym.make:  # which leaves the length of episodes to a wrapper
+        assert threshold(max_episode_steps=300) is None
 
 
 # -- what an id is --------------------------------------------------------------------------

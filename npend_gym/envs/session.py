@@ -61,7 +61,7 @@ class PlainSpec:
 
     `EnvSpec.to_json` writes numbers, lists, dicts and texts only. So a chain among the keywords
     becomes the dict of its parameters, and an array becomes a list. `reward_threshold` is None
-    where another chain, motor or reward makes another task of that of the id.
+    where another chain, motor, reward or length makes another task of that of the id.
     """
 
     def __get__(self, env: object | None, owner: type) -> EnvSpec | None:
@@ -71,7 +71,9 @@ class PlainSpec:
         if spec is not None:
             spec = copy.copy(spec)
             spec.kwargs = plain_keywords(spec.kwargs)
-            if spec.id in TASKS and _task_of(env.config) != _task_of(_usual(spec.id)):
+            own = getattr(env, "max_episode_steps", spec.max_episode_steps)  # of many lanes
+            other = spec.id in TASKS and _task_of(env.config) != _task_of(_usual(spec.id))
+            if other or own != spec.max_episode_steps:
                 spec.reward_threshold = None
         vars(env)["spec"] = spec
 
