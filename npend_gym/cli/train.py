@@ -89,6 +89,7 @@ def run(
     using = _settings(chosen, task, dict(settings), seed)
     keywords = using.env
     if around is not None:
+        refuse_said(dict(env), ("chain",), "--around")  # whose ranges are of its own chain
         found = env_around(around)
         rods = len(found["chain"]["masses"])
         if rods != keywords.get("n", rods):
