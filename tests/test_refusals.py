@@ -100,7 +100,7 @@ REFUSED = [
     ("evaluate swingup-1 --env chain=none.json", "must be one of acrobot"),
     ("evaluate swingup-1 --env damping", "must be NAME=VALUE, got damping"),
     ("evaluate swingup-1 --env max_torque=-1 --out {new}", "max_torque must be zero or more"),
-    ("train swingup-2 --around a.json --env chain=acrobot", "chain must be left out, --around says"),
+    ("train swingup-2 --around a.json --env chain=acrobot", "chain must be left out, --around"),
     ("train swingup-2-fast", 'task must be like "swingup-2" or "swingup-2-robust"'),
     ("train swing-2", 'task must be like "swingup-2"'),
     ("train calm", 'task must be like "swingup-2"'),
