@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
@@ -281,10 +282,7 @@ def _guesses(
     problem: Transcription, kind: str, tries: int, seed: int
 ) -> Iterator[list[tuple[FloatArray, FloatArray]]]:
     """Return first guesses of a kind, and then others where these lead to no plan."""
-    config, generators = (
-        problem.model.config,
-        [np.random.default_rng([seed, k]) for k in range(tries)],
-    )
+    config, generators = problem.model.config, [default_rng([seed, k]) for k in range(tries)]
     if kind == "waves":
         yield [problem.wavy_guess(rng) for rng in generators]
         return

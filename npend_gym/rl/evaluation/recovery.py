@@ -252,10 +252,8 @@ def recovery(
     0.8
     """
     _checks.count("seed", seed, low=0)
-    count, chosen = (
-        _checks.count("episodes", episodes),
-        RULES[_checks.choice("rule", rule, tuple(RULES))],
-    )
+    count = _checks.count("episodes", episodes)
+    chosen = RULES[_checks.choice("rule", rule, tuple(RULES))]
     times = chosen.resets if resets is None else _checks.count("resets", resets, low=0)
     nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)
