@@ -171,6 +171,19 @@ def test_the_cart_of_a_recording_of_another_program_is_read_as_one_that_moves(wr
         measure_swings(read.motion)
 
 
+def test_comments_names_that_stand_twice_and_units_are_read_in_our_own_layout(written):
+    text = table("time,theta0", TIMES, SWING)
+    for more in ("# stopped by hand\n", "time, theta0\n"):
+        read = read_recording(written(text + more))
+        assert read.motion.theta == pytest.approx(SWING, abs=1e-6)
+        assert read.said == []
+    for units, angles in (("s,rad", SWING), ("(s),(deg)", np.degrees(SWING))):
+        read = read_recording(written(table(f"time,theta0\n{units}", TIMES, angles)))
+        assert read.motion.theta == pytest.approx(SWING, abs=1e-6)
+    with pytest.raises(ValueError, match="line 302: theta0 must be a number, got 'stopped'"):
+        read_motion(written(text + "5.0,stopped\n"))
+
+
 def test_rows_without_a_time_are_counted_among_those_left_out(written):
     times = [f"{time:.8g}" if k % 10 else "" for k, time in enumerate(TIMES.tolist())]
     read = read_recording(written(table("t,angle", times, SWING)))

@@ -19,7 +19,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.identification.conversion import understood
 from npend_gym.identification.motion import Motion, check_motion, pieces_in_turn
 from npend_gym.identification.moving_pivot import with_position
-from npend_gym.identification.tables import read_table
+from npend_gym.identification.tables import COMMENT, IS_UNIT, read_table
 from npend_gym.physics.arguments import warn_caller
 
 _MAX_CELLS = 50_000_000
@@ -214,13 +214,14 @@ def _read_any(
 
 
 def _is_ours(path: Path, columns: dict[str, str]) -> bool:
-    """Return whether the first line has our names, or those given, between commas."""
+    """Return whether the first line has our names, or those given, and no units stand below."""
     if path.exists() and not path.is_file():  # `read_table` says what it is
         return False
     with path.open("rb") as file:
-        line = file.readline(100_000).decode("utf-8-sig", "replace")
-    names = {columns.get(name.strip(), name.strip()) for name in line.replace('"', "").split(",")}
-    return {"time", "theta0"} <= names
+        lines = [file.readline(100_000).decode("utf-8-sig", "replace") for _ in range(2)]
+    given, below = ([one.strip() for one in line.replace('"', "").split(",")] for line in lines)
+    has_units = any(below) and all(map(IS_UNIT.fullmatch, below))
+    return not has_units and {"time", "theta0"} <= {columns.get(name, name) for name in given}
 
 
 def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
@@ -274,7 +275,8 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
                 )
             cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
             for number, row in rows:
-                if not any(row):
+                again = [cell.strip() for cell in row] == header
+                if again or not any(row) or row[0].lstrip().startswith(COMMENT):
                     continue
                 where = f"{path}, line {number}"
                 if len(row) != len(names):

@@ -29,7 +29,7 @@ _SEPARATORS = "\t", ";", ",", None  # None stands for any blanks
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 _EMPTY = "", "nan", "-", "z1 1:", "null", "none", "n/a"  # cells without a value, in lower case
-_COMMENT = "%", "#"  # before names, and before what a program says of itself
+COMMENT = "%", "#"  # before names, and before what a program says of itself
 # what files that have no table of numbers begin with
 _OTHERS = {
     b"\xd0\xcf\x11\xe0": "an old Excel file (.xls): save or export it as CSV",
@@ -46,7 +46,7 @@ _XML = {  # what stands near the beginning of those that are XML
 _PREAMBLE = 200  # lines above the names, at most
 _NUMBERS = 0.95  # of the cells of a column that has numbers, at least
 _FEW = 0.01  # of the rows: so many lines may be none
-_IS_UNIT = re.compile(  # of a line of units below the names
+IS_UNIT = re.compile(  # of a line of units below the names
     r"|[(\[].*[)\]]|s|sec|[mµμun]s|m?rad|deg|°|[cm]?m|px|(rad|deg|°|m)/s(\^?2|²)?|m?N[ *·]?m|[NVAg]"
 )
 RUN = re.compile(r"^(?:(?P<set>Latest|Run \d+|Data Set \d+):\s*)?(?P<name>.*?)"
@@ -256,7 +256,7 @@ def _split(lines: Sequence[str], separator: str | None) -> Table | None:
     if not heads:
         unnamed = [Column(str(k + 1), column) for k, column in columns.items()]
         return Table("a table without names", unnamed, named=False, lost=lost)
-    source = "a table of blanks" if heads[-1].lstrip()[:1] in _COMMENT else "a table"
+    source = "a table of blanks" if heads[-1].lstrip()[:1] in COMMENT else "a table"
     order = sorted(columns)
     text = tuple(name for k, name in enumerate(names) if k not in columns)
     found = _of_runs(source, [names[k] for k in order], [columns[k] for k in order])
@@ -267,7 +267,7 @@ def _names(lines: Sequence[str], width: int, separator: str | None) -> tuple[lis
     """Return names of columns, and which of the lines above them have them, and perhaps units."""
     heads, found = list[str](), list[list[str]]()
     for line in reversed(lines[-_PREAMBLE:]):
-        comment = line.lstrip()[:1] in _COMMENT
+        comment = line.lstrip()[:1] in COMMENT
         for s in (separator, *_SEPARATORS) if comment else (separator,):
             cells = _cells(line.lstrip("%# \t") if comment else line, s)
             cells = [cell.strip().strip('"') for cell in cells]
@@ -278,7 +278,7 @@ def _names(lines: Sequence[str], width: int, separator: str | None) -> tuple[lis
             if len(cells) == width and not any(_NUMBER.fullmatch(cell) for cell in cells):
                 heads, found = [line, *heads], [cells, *found]
                 break
-        if len(found) == 1 and not all(_IS_UNIT.fullmatch(cell) for cell in found[0]):
+        if len(found) == 1 and not all(IS_UNIT.fullmatch(cell) for cell in found[0]):
             return found[0], heads
         if len(found) == 2:
             names = [f"{name} ({unit.strip('()[] ')})" for name, unit in zip(*found, strict=True)]
