@@ -53,7 +53,7 @@ def read_motion(
     The first line names the columns: ``time`` [s], ``theta0``, ``theta1``, ... [rad] from the link
     at the pivot on; if wanted ``tau0``, ... [N m], ``piece``, the number of the recording, and
     ``position`` [m] of a pivot, or a cart, that moved sideways. The order of the columns does not
-    matter, and others are not read.
+    matter, and others are not read. Comments after ``#`` or ``%`` are left out.
 
     Exports of other programs are recognised by their content; see the notes.
 
