@@ -306,8 +306,8 @@ class Policy:
         Parameters
         ----------
         model
-            PPO, A2C, SAC, TD3, DDPG, TQC, CrossQ or ARS, say, of this library, sb3-contrib or SBX,
-            with continuous actions and linear layers with tanh or ReLU between them.
+            PPO, SAC, TD3, TQC, CrossQ or ARS, say, of this library, sb3-contrib or SBX. Actions
+            must be continuous, and layers linear with tanh or ReLU between them.
         env : optional
             As for `evaluate`, its environment; by default that of the model's training.
 
