@@ -17,7 +17,7 @@ from npend_gym.envs import JoinedVectorEnv, VectorPadRods
 from npend_gym.rl import SB3VecEnv, episode_seeds, evaluate
 
 LENGTHS = 1, 2, 3, 4
-ENVS = 16  # of each length
+ENVS, STEPS = 16, 64  # environments of each length, and their steps between two updates
 
 
 def make(n: int, count: int, steps: int = 500) -> VectorPadRods:
@@ -35,7 +35,7 @@ def train(steps: int, seed: int) -> PPO:
     model = PPO(
         "MlpPolicy",
         SB3VecEnv(envs),
-        n_steps=64,
+        n_steps=STEPS,
         batch_size=256,
         n_epochs=10,
         gamma=0.98,
@@ -54,6 +54,10 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=400_000, help="environment steps in total")
     parser.add_argument("--episodes", type=int, default=100, help="held-out ones of each length")
     arguments = parser.parse_args()
+    least = {"steps": STEPS * ENVS * len(LENGTHS), "episodes": 1}
+    for name, count in least.items():
+        if (given := getattr(arguments, name)) < count:
+            parser.error(f"--{name} must be at least {count}, got {given}")
     torch.set_num_threads(1)  # two are slower for networks this small
     model, met = train(arguments.steps, arguments.seed), 0
     for n in LENGTHS:

@@ -279,6 +279,8 @@ def test_scripts_refuse_no_steps_and_do_not_take_the_default(
         ("evaluate", "torch", ["--run", "a", "--env-id", "b"], "--env-id is not for --run"),
         ("transitions", "torch", ["2", "--policy", "a", "--plans", "b"], "not allowed with"),
         ("side_by_side", "sb3_contrib", ["--steps", "9"], "--steps must be at least 40, got 9"),
+        ("train_many_n", "stable_baselines3", ["--steps", "9"], "--steps must be at least 4096"),
+        ("train_many_n", "stable_baselines3", ["--episodes", "0"], "--episodes must be at least 1"),
         ("soak", "psutil", ["steps", "--steps", "4"], "steps needs at least 5, got 4"),
         ("judge_engines", "scipy", ["--derivatives", "--engine", "heyoka", "--case", "long"],
          "there are no derivatives of heyoka, long"),
