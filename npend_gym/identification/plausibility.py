@@ -50,10 +50,6 @@ def _integrated(motion: Motion) -> FloatArray:
     return out
 
 
-def _radians(motion: Motion) -> FloatArray:
-    return np.radians(motion.theta)
-
-
 _ADD_UP = "convert with np.cumsum(theta, axis=1), or give --relative of npend identify"
 _ADDED_UP = (
     "absolute before they were added up: give them as measured, or leave out --relative of npend "
@@ -69,10 +65,6 @@ def _angles(convert: Callable[[Motion], FloatArray]) -> Callable[[Motion], Motio
     return lambda motion: replace(motion, theta=convert(motion))
 
 
-def _faster(factor: float) -> Callable[[Motion], Motion]:
-    return lambda motion: replace(motion, times=motion.times / factor)
-
-
 # Other motions that may be meant, of how many links at least, what is wrong then, and the way out;
 # one link moves alike at any speed
 _READINGS: list[tuple[Callable[[Motion], Motion], int, str, str]] = [
@@ -84,10 +76,10 @@ _READINGS: list[tuple[Callable[[Motion], Motion], int, str, str]] = [
     *((_angles(lambda motion, turn=turn: motion.theta + turn), 1, _ANGLES,
        f"from an axis that points sideways, as theta_r of Tracker: {way} np.pi / 2")
       for turn, way in ((0.5 * np.pi, "add"), (-0.5 * np.pi, "subtract"))),
-    (_angles(_radians), 1, _ANGLES, f"degrees: {RADIANS}"),
+    (_angles(lambda motion: np.radians(motion.theta)), 1, _ANGLES, f"degrees: {RADIANS}"),
     (_angles(_integrated), 1, _ANGLES,
      f"angular velocities, as a gyroscope measures: {_INTEGRATE}"),
-    *((_faster(factor), 2, _TIMES,
+    *((lambda motion, factor=factor: replace(motion, times=motion.times / factor), 2, _TIMES,
        f"{factor:.0f} times as short: a film in slow motion is shown so much too slowly")
       for factor in _SLOW_MOTIONS),
 ]  # fmt: skip

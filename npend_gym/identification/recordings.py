@@ -16,7 +16,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.identification.conversion import understood
+from npend_gym.identification.conversion import Reading, understood
 from npend_gym.identification.motion import Motion, check_motion, pieces_in_turn
 from npend_gym.identification.moving_pivot import with_position
 from npend_gym.identification.tables import COMMENT, IS_UNIT, read_table
@@ -199,18 +199,20 @@ def _read_any(
     path: Path, columns: dict[str, str], degrees: bool, relative: bool, fps: float | None
 ) -> FileMotions:
     """Read a file of our own layout strictly, and another one by what stands in it."""
-    if fps is None and _is_ours(path, columns):
-        return FileMotions(_read_file(path, columns, degrees, relative), None, [])
     try:
-        table = read_table(path)
-        given = {ours: name for name, ours in columns.items()}
-        read = understood(table, given, degrees=degrees, relative=relative, fps=fps)
+        if fps is None and _is_ours(path, columns):
+            read = _read_file(path, columns, degrees, relative)
+        else:
+            given = {ours: name for name, ours in columns.items()}
+            how: Any = {"degrees": degrees, "relative": relative, "fps": fps}
+            read = understood(read_table(path), given, **how)
         motion = check_motion(read.times, read.theta, read.torque, read.piece)
         motion = with_position(motion, read.position)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if str(path) in text else f"{path}: {text}") from error
-    return FileMotions(motion, read.lengths, [f"{path.name}: {'; '.join(read.said)}"])
+    said = [f"{path.name}: {'; '.join(read.said)}"] if read.said else []
+    return FileMotions(motion, read.lengths, said)
 
 
 def _is_ours(path: Path, columns: dict[str, str]) -> bool:
@@ -224,7 +226,7 @@ def _is_ours(path: Path, columns: dict[str, str]) -> bool:
     return not has_units and {"time", "theta0"} <= {columns.get(name, name) for name in given}
 
 
-def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
+def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Reading:
     table = _read_table(path, columns)
     theta, torques = (_numbered(kind, table, path) for kind in ("theta", "tau"))
     if len(torques) > len(theta):
@@ -234,11 +236,9 @@ def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: boo
     angles = np.column_stack(theta)
     angles = np.radians(angles) if degrees else angles
     angles = np.cumsum(angles, axis=1) if relative else angles
-    try:
-        motion = check_motion(table["time"], angles, torque, table.get("piece"))
-        return with_position(motion, table.get("position"))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    times, position = table["time"], table.get("position")
+    piece = table.get("piece", np.zeros_like(times))
+    return Reading(times, angles, torque, piece, None, [], position)
 
 
 def _numbered(kind: str, table: dict[str, FloatArray], path: Path) -> list[FloatArray]:

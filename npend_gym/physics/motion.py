@@ -77,15 +77,13 @@ class TakenSteps(NamedTuple):
         """Return the steps of `n` rods up to the first that has diverged."""
         finite = np.isfinite(self.polynomials).all(axis=(1, 2))
         sound = finite & (np.abs(self.states[:, :n]) <= MAX_ANGLE).all(axis=1)
-        return self._some(0, int(np.append(sound, False).argmin()))
+        last = int(np.append(sound, False).argmin())
+        return TakenSteps(*(each[:last] for each in self))
 
     def counts(self, end: float) -> FloatArray:
         """Return the `Segment.counts` of the steps that begin before the instant `end` [s]."""
         taken = int(np.searchsorted(self.begin, end))
         return np.array([taken, self.refused[:taken].max(initial=0.0), taken])
-
-    def _some(self, first: int, last: int) -> TakenSteps:
-        return TakenSteps(*(each[first:last] for each in self))
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the states at instants within the steps, shape (..., 2m)."""

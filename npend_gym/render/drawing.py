@@ -138,10 +138,6 @@ def _tint(scene: Scene, share: float) -> tuple[int, ...]:
     return rgb(scene.color) if scene.color else _TIP if share == 1.0 else mixed(RAMP, share)
 
 
-def _rod(scene: Scene) -> tuple[int, ...]:
-    return mixed((_DISC, rgb(scene.color)), 0.6) if scene.color else _ROD
-
-
 def _joints(scene: Scene) -> FloatArray:
     """Return the places of all joints and of the tip [m], (n + 1, 2)."""
     return np.vstack([(scene.cart, 0.0), scene.positions])
@@ -165,8 +161,9 @@ def _draw_bobs(pen: _Pen, scene: Scene, bob: float) -> None:
     tip, edge = max(1.15 * bob, 10.0 * pen.fine), 2.5
     shown = thinned(n, _BOBS)
     bobs = pen.places(scene.positions[shown])
+    rod = mixed((_DISC, rgb(scene.color)), 0.6) if scene.color else _ROD
     for start, end in pairwise([pen.pivot, *bobs]):
-        pen.line(_rod(scene), start, end, min(max(0.42 * bob, 3.2 * pen.fine), 7.0 * pen.fine))
+        pen.line(rod, start, end, min(max(0.42 * bob, 3.2 * pen.fine), 7.0 * pen.fine))
     for k, place in zip(shown[:-1].tolist(), bobs[:-1], strict=True):
         if 2.0 * (bob + edge) < RADIUS / n:  # bobs that touch would cut each other
             pen.disc(_DISC, place, bob + edge)

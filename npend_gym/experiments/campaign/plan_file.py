@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -46,10 +47,6 @@ def _check_tokens(tokens: Iterable[Any]) -> None:
             raise ValueError(f"its lists and mappings are nested deeper than {_files.MAX_DEPTH}")
 
 
-def _json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=_once)
-
-
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return names and values as a dict; refuse a name that is there twice."""
     values: dict[str, Any] = {}
@@ -64,7 +61,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
     ".toml": _toml,
     ".yaml": _yaml,
     ".yml": _yaml,
-    ".json": _json,
+    ".json": partial(json.loads, object_pairs_hook=_once),
 }
 
 

@@ -105,7 +105,7 @@ def _behind(
             )
         return Behind(acting, wrappers) if wrappers else acting
     if wrappers:
-        _check_shape(model, wrappers[-1])
+        _check_shape(_observed_by(model), _observed_by(wrappers[-1]))
     elif getattr(model, "get_env", None) is not None:
         wrappers = trained_through(model, config)
         check_space(model, config, wrappers)
@@ -157,11 +157,9 @@ def check_space(model: Any, config: EnvConfig, wrappers: Sequence[Any] = ()) -> 
     shown, acting = config.observation_space, getattr(model, "action_space", None)
     if not any(isinstance(each, VectorActionWrapper) for each in wrappers):
         _check_actions(acting, config)
-    if not (isinstance(trained, Box) and isinstance(shown, Box)):
-        return
-    if trained.shape != shown.shape:
-        raise _other_size(trained.shape, shown.shape)
-    if all(map(is_normalizing, wrappers)) and trained != shown:
+    _check_shape(trained, shown)
+    both = isinstance(trained, Box) and isinstance(shown, Box)
+    if both and all(map(is_normalizing, wrappers)) and trained != shown:
         raise ValueError(
             f"observation must be as in the model's training, {trained}, got "
             f"{config.observation!r}, {shown}"
@@ -186,25 +184,20 @@ def _check_actions(trained: Any, config: EnvConfig) -> None:
         )
 
 
-def _check_shape(model: Any, outermost: Any) -> None:
-    """Raise an error if the environment's wrappers show a model more or fewer numbers."""
-    trained, shown = _observed_by(model), _observed_by(outermost)
+def _check_shape(trained: Any, shown: Any) -> None:
+    """Raise an error if an environment shows a model more or fewer numbers than its training."""
     if isinstance(trained, Box) and isinstance(shown, Box) and trained.shape != shown.shape:
-        raise _other_size(trained.shape, shown.shape)
+        raise ValueError(
+            f"env must show observations of the shape {trained.shape}, on which the model was "
+            f"trained, got {shown.shape}: give the environment of its training, model.get_env(), "
+            'or the keywords of that, such as {"id": ..., "n": 1}'
+        )
 
 
 def _observed_by(env: Any) -> Any:
     """Return the space of the observations of a model, or of one environment of an environment."""
     single = getattr(env, "single_observation_space", None)
     return getattr(env, "observation_space", None) if single is None else single
-
-
-def _other_size(trained: tuple[int, ...], shown: tuple[int, ...]) -> ValueError:
-    return ValueError(
-        f"env must show observations of the shape {trained}, on which the model was trained, got "
-        f"{shown}: give the environment of its training, model.get_env(), or the keywords of that, "
-        'such as {"id": ..., "n": 1}'
-    )
 
 
 def _not_random(model: Any) -> ValueError:
