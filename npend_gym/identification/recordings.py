@@ -155,17 +155,14 @@ def read_recording(
                 f"paths must name each recording once, but {path} and {other_path} have the same "
                 "angles"
             )
-    torque = [one.torque for one in motions if one.torque is not None]
-    places = [one.position for one in motions if one.position is not None]
-    moved = [one.acceleration for one in motions if one.acceleration is not None]
-    motion = Motion(
-        np.concatenate([one.times for one in motions]),
-        np.concatenate([one.theta for one in motions]),
-        np.concatenate(torque) if torque else None,
-        pieces_in_turn([one.piece for one in motions]),
-        np.concatenate(places) if places else None,
-        np.concatenate(moved) if moved else None,
-    )
+
+    def joined(name: str) -> Any:
+        parts = [part for one in motions if (part := getattr(one, name)) is not None]
+        return np.concatenate(parts) if parts else None
+
+    pieces = pieces_in_turn([one.piece for one in motions])
+    of_pivot = joined("position"), joined("acceleration")
+    motion = Motion(joined("times"), joined("theta"), joined("torque"), pieces, *of_pivot)
     said = [sentence for one in recordings for sentence in one.said]
     return FileMotions(motion, recordings[0].lengths, said)
 
