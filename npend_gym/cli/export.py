@@ -90,14 +90,13 @@ def run(
     from npend_gym.report import prepare_file
 
     prepare_file(out, (_SUFFIXES[to],))
-    of_c = {"prefix": prefix, "relative": relative}
-    _refuse([name for name, value in of_c.items() if value not in (None, False)], to, "c")
-    _refuse(list(model), to, "mjcf")
-    if controller == "plan":
-        _refuse(["controller plan"], to, "c")
+    formats: dict[str, Any] = {"mjcf": mjcf, "urdf": urdf, "sdf": sdf, "usd": usd}
+    of_c = {"prefix": prefix, "relative": relative or None}
+    _refuse(of_c | {"controller plan": controller if controller == "plan" else None}, to, "c")
+    _refuse(model, to, "mjcf")
+    _refuse({"for": for_engine, "drop": drop or None, "chain": chain}, to, *formats)
     if controller is None and (task is not None or env):
         raise ValueError("--task and --env are for a --controller: a policy has its environment")
-    formats: dict[str, Any] = {"mjcf": mjcf, "urdf": urdf, "sdf": sdf, "usd": usd}
     if to in formats:
         if chain is None:
             raise ValueError(f"--to {to} needs --chain")
@@ -116,12 +115,6 @@ def run(
         for line in said:
             warn(f"npend export: {line}")
     else:
-        if for_engine is not None:
-            raise ValueError("--for is for --to mjcf, urdf, sdf or usd")
-        if drop:
-            raise ValueError("--drop is for --to mjcf, urdf, sdf or usd, which lack terms")
-        if chain is not None:
-            raise ValueError("--chain is for --to mjcf, urdf, sdf or usd")
         if controller is not None:
             _checks.choice("--controller", controller, _IN_C)
             if controller == "plan" and str(task).startswith("transition"):
@@ -140,6 +133,11 @@ def run(
     return OK
 
 
-def _refuse(given: list[str], to: str, format_of_them: str) -> None:
-    if given and to != format_of_them:
-        raise ValueError(f"--{given[0]} is for --to {format_of_them}")
+def _refuse(options: Mapping[str, Any], to: str, *formats: str) -> None:
+    """Raise an error for the first option that is given, and for other formats than `to`."""
+    for name in (name for name, value in options.items() if value is not None):
+        if to not in formats:
+            *others, last = formats
+            raise ValueError(
+                f"--{name} is for --to {', '.join(others)}{' or ' * bool(others)}{last}"
+            )
