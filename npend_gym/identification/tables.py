@@ -202,9 +202,7 @@ def _tracker(text: str) -> Table | None:
         return None
     tracks = [k for k, cell in enumerate(heads[0].split(separator)) if cell.strip()]
     every = range(len(names))
-    cells = [
-        _fitted(_cells(line, separator), len(names), separator) for line in lines[several + 2 :]
-    ]
+    cells = (_fitted(_cells(x, separator), len(names), separator) for x in lines[several + 2 :])
     values = [_values(one, every, separator != ",") for one in cells]
     if None in values or not values:
         return None
@@ -236,8 +234,7 @@ def _split(lines: Sequence[str], separator: str | None) -> Table | None:
         typical.pop()  # the separator stands at the end, too
     width, commas = len(typical), [cell for cells in typical for cell in cells if "," in cell]
     comma = separator != "," or not all(map(_THOUSANDS.fullmatch, commas))
-    read = [_share(cells, comma) for cells in typical]
-    numbers = [k for k in range(width) if read[k] >= _NUMBERS]
+    numbers = [k for k, cells in enumerate(typical) if _share(cells, comma) >= _NUMBERS]
     if width < 2 or not numbers:
         return None
     rows = [_fitted(_cells(line, separator), width, separator) for line in lines]
