@@ -76,10 +76,10 @@ def corners() -> dict[str, dict[str, Any]]:
 def unseen(task: str, size: float = 0.5) -> dict[str, dict[str, Any]]:
     """Return each error that neither training nor criteria have, as arguments of `env_with`.
 
-    `size` is over the largest error of the criteria that is most like it. Those are parameters of
-    the chain that are wrong by a quarter, damping of 0.1 N m s/rad, and angles by 0.02 rad. Torques
-    are wrong by 11/60 of the limit, and pulses have peaks of 11/12 of it. A mass or length of all
-    rods is in the training.
+    `size` is over the largest error of the criteria that is most like it. Parameters of the chain
+    are wrong by a quarter there, angles by 0.02 rad, torques by 11/60 of the limit, and damping is
+    0.1 N m s/rad. Pulses have peaks from 1/12 to 5/6 of the limit, with 11/24 in the middle. That a
+    mass or length is wrong for all rods is in the training.
     """
     config = setting_of(env_of_task(task)).config
     noise, push = 11.0 / 60.0 * size, 11.0 / 12.0 * size * config.max_torque
