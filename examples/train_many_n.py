@@ -39,7 +39,7 @@ def train(steps: int, seed: int) -> PPO:
         batch_size=256,
         n_epochs=10,
         gamma=0.98,
-        learning_rate=lambda left: 1e-3 * left,
+        learning_rate=lambda left: 1e-3 * max(left, 0.0),  # the last rollout may exceed the steps
         policy_kwargs={"net_arch": [64, 64]},
         seed=episode_seeds("training", envs.num_envs, run=seed, spacing=envs.num_envs).start,
         device="cpu",

@@ -72,7 +72,7 @@ def schedule(value: Any) -> Any:
     if not value.startswith("lin_"):
         return float(value)  # YAML takes 1e-3 for a text
     initial = float(value.removeprefix("lin_"))
-    return lambda left: initial * left
+    return lambda left: initial * max(left, 0.0)  # the last rollout may go beyond the end
 
 
 class DictCalls(ast.NodeTransformer):

@@ -362,7 +362,7 @@ def test_train_sb3_reads_settings_as_rl_zoo_writes_them(train_sb3):
     venv = model.get_vec_normalize_env()
     assert (venv.norm_obs, venv.norm_reward) == (True, False)
     assert model.policy_kwargs == {"ortho_init": False, "net_arch": {"pi": [8], "vf": [16]}}
-    assert [model.clip_range(left) for left in (1.0, 0.5)] == [0.2, 0.1]
+    assert [model.clip_range(left) for left in (1.0, 0.5, -0.1)] == [0.2, 0.1, 0.0]
     assert model.learning_rate == 3e-4  # the default
     settings["policy_kwargs"] = "dict(activation_fn=nn.ReLU)"
     with pytest.raises(ValueError, match=r"policy_kwargs must have numbers.*nn\.ReLU"):
