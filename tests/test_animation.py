@@ -2,6 +2,8 @@
 
 import json
 import re
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -22,6 +24,7 @@ from npend_gym.recording import (
     record_release,
     record_simulation,
 )
+from npend_gym.report import animation
 from npend_gym.report.animation import Film, _draw, write
 
 
@@ -200,6 +203,26 @@ def test_an_interrupted_film_leaves_nothing(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             write(film(1, duration=0.2), tmp_path / f"a{suffix}", interrupting)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_film_leaves_no_program_that_runs_on(tmp_path, monkeypatch):
+    slow, started = tmp_path / "ffmpeg", []
+    slow.write_text("#!/bin/sh\nexec sleep 100\n")
+    slow.chmod(0o755)
+
+    class Watched(subprocess.Popen):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            started.append(self)
+
+    def interrupting(_pictures):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(animation, "_ffmpeg", lambda: str(slow))
+    monkeypatch.setattr(animation, "Popen", Watched)
+    with pytest.raises(KeyboardInterrupt):
+        write(film(1, duration=0.2), tmp_path / "a.mp4", interrupting)
+    assert [program.returncode for program in started] == [-signal.SIGKILL]
 
 
 def test_a_film_that_the_disk_cannot_take_leaves_the_old_file(tmp_path):

@@ -315,9 +315,16 @@ def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
     with Popen(  # noqa: S603 - imageio's ffmpeg
         [*command, *about, f"file:{file.name}"], stdin=PIPE, stderr=PIPE
     ) as ffmpeg:
-        with suppress(BrokenPipeError):  # it has ended, and tells why
-            for frame in progress(film):
-                cast("IO[bytes]", ffmpeg.stdin).write(frame.tobytes())
-        told = ffmpeg.communicate()[1].decode(errors="replace").splitlines()
+        pipe = cast("IO[bytes]", ffmpeg.stdin)
+        try:
+            with suppress(BrokenPipeError):  # it has ended, and tells why
+                for frame in progress(film):
+                    pipe.write(frame.tobytes())
+            told = ffmpeg.communicate()[1].decode(errors="replace").splitlines()
+        finally:  # after Ctrl-C `Popen` waits for a quarter of a second, and leaves it running
+            ffmpeg.kill()
+            with suppress(BrokenPipeError):
+                pipe.close()
+            ffmpeg.wait()
     if ffmpeg.returncode != 0:
         raise OSError(errno.EIO, " ".join(told[:2]) or "ffmpeg failed")
