@@ -58,7 +58,9 @@ CORE = {name: task.env for name, task in rl.SUITES["core"].items()}
 SUITED = CORE | {name: task.env for name, task in rl.SUITES["hard"].items()}
 TASKS = SUITED | TUNING | PEERS
 STEPS, SEEDS = 1_000_000, 5  # of the protocol
-EPISODES = EVALUATIONS = 40  # of an evaluation; of a run
+EPISODES = 40  # of an evaluation
+EVALUATIONS = 40  # of a run
+SOLVED = 0.95
 COLUMNS = "steps", "seconds", "return", "success"
 Run = dict[str, Any]
 Key = tuple[str, str, int]
@@ -212,7 +214,7 @@ def groups(folder: Path, tasks: Collection[str] = SUITED) -> dict[Key, list[Run]
 def solved(run: Run) -> tuple[float, float]:
     """Return steps and seconds of the first evaluation with 95 % success, or infinity."""
     rows = zip(*(run[name] for name in COLUMNS), strict=True)
-    return next(((s, t) for s, t, _, success in rows if success >= 0.95), (np.inf, np.inf))
+    return next(((s, t) for s, t, _, success in rows if success >= SOLVED), (np.inf, np.inf))
 
 
 def mean_of(runs: list[Run], column: str, k: int = -1, draws: int = 500) -> tuple[float, ...]:

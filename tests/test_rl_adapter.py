@@ -700,6 +700,16 @@ def test_another_network_of_sbx_is_refused_with_the_way_out(what):
         rl.Policy.from_sb3(as_sbx(actor))
 
 
+def test_a_normalisation_that_no_layer_follows_is_refused():
+    contrib, torch = pytest.importorskip("sb3_contrib"), pytest.importorskip("torch")
+    model = contrib.CrossQ("MlpPolicy", gym.make("npend/SwingUp-v1", n=1), device="cpu", seed=1)
+    norm, linear, relu, *others = model.policy.actor.latent_pi
+    inner = type(norm)(linear.out_features)
+    model.policy.actor.latent_pi = torch.nn.Sequential(norm, linear, inner, relu, *others)
+    with pytest.raises(ValueError, match=r"Linear, BatchRenorm1d, ReLU.*take the model itself"):
+        rl.Policy.from_sb3(model)
+
+
 def test_a_model_that_is_no_network_of_layers_is_refused_with_the_way_out():
     from sb3_contrib import ARS
     from stable_baselines3 import DQN, PPO

@@ -70,9 +70,8 @@ def run(
     from npend_gym import _files
     from npend_gym.report import outputs, write_csv
     from npend_gym.report.robustness_report import evaluation_text
-    from npend_gym.rl import evaluate
     from npend_gym.rl.training.checkpoints import Checkpoint
-    from npend_gym.rl.training.tasks import env_around, failure_of
+    from npend_gym.rl.training.tasks import env_around, failure_of, row_of
     from npend_gym.rl.training.trainers import trainer
 
     algorithm = _algorithm(task, algorithm)
@@ -103,8 +102,7 @@ def run(
     checkpoint = Checkpoint(using, kept, resume=resume)
     try:
         policy, curve = chosen.train(using, task, checkpoint)
-        discrete = {"torque_levels": using.env.get("torque_levels")}  # which no policy names
-        row = evaluate(policy, policy.env | discrete).as_row()
+        row = row_of(policy, using)
         policy.provenance["evaluation"] = row
         policy.save(path)
     except BaseException as error:

@@ -88,15 +88,14 @@ def train(
     **settings: Any,
 ) -> Row:
     """Train a policy and evaluate it; other parameters are settings of the algorithm."""
+    from npend_gym.rl.training.tasks import row_of
     from npend_gym.rl.training.trainers import trainer  # PyTorch, an extra
 
     chosen = trainer(algorithm)
     using = chosen.settings_of(task, seed=seed, **settings)
     using = replace(using, env={**using.env, **(env or {})})
     policy, curve = chosen.train(using)
-    judged = policy.env | {"torque_levels": using.env.get("torque_levels")}  # in no policy
-    row = rl.evaluate(policy, judged, episodes=episodes).as_row()
-    return {"steps": curve[-1]["steps"], **row}
+    return {"steps": curve[-1]["steps"], **row_of(policy, using, episodes=episodes)}
 
 
 def lyapunov(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,8 @@ def _torch_layers(policy: Any, name: str) -> dict[str, Any]:
     linear, between = plain[::2], set(plain[1::2])
     if set(linear) != {"Linear"} or plain[-1] != "Linear" or not between <= set(_ACTIVATIONS):
         raise _not_layers(name, ", ".join(kinds) or type(policy).__name__)
+    if any(a == "BatchRenorm1d" and b != "Linear" for a, b in pairwise(kinds)):
+        raise _not_layers(name, ", ".join(kinds))
     if len(between) > 1:
         raise _not_layers(name, "two kinds of activations")
     layers: list[tuple[Any, Any]] = []

@@ -15,6 +15,7 @@ from npend_gym.chain import Chain, check_parameter, plain_keywords
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import MAX_EPISODE_STEPS
 from npend_gym.envs.registration import TASKS as REGISTERED
+from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.evaluation.seeds import training_seed
 from npend_gym.rl.policies.policy import Policy
 
@@ -37,6 +38,15 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         training_seed(self.seed)
+
+
+def row_of(policy: Policy, settings: Any, **options: Any) -> dict[str, Any]:
+    """Return `Evaluation.as_row` in the task of a training, with its discrete actions, if any.
+
+    `options` are those of `evaluate`.
+    """
+    discrete = {"torque_levels": settings.env.get("torque_levels")}  # which no policy names
+    return evaluate(policy, policy.env | discrete, **options).as_row()
 
 
 def failure_of(row: Mapping[str, Any]) -> str:
