@@ -332,7 +332,7 @@ def test_ctrl_c_during_the_final_evaluation_keeps_the_progress_and_says_so(
 ):
     common = ["train", "calm-1", "--out", str(tmp_path)]
     with monkeypatch.context() as patched:
-        patched.setattr("npend_gym.rl.evaluate", interrupted)
+        patched.setattr("npend_gym.rl.training.tasks.evaluate", interrupted)
         assert main(common) == 130
     assert RESUMES in capsys.readouterr().err
     assert main([*common, "--resume"]) == 0
