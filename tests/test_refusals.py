@@ -151,7 +151,7 @@ REFUSED = [
             ("imitation", "observation=angles", 'observation must be "sincos" for imitation'),
             ("imitation", "mode=passive", "mode must be one with an expert"),
             ("shac", "observation=angles", 'observation must be "sincos" for shac'),
-            ("shac", "mode=passive", "mode must be one that shac learns"),
+            ("shac", "mode=passive", "mode must have a motor for shac"),
             ("shac", "dampign=1", "did you mean 'damping'"),
         )
     ),

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Cart, Chain
-from npend_gym.envs import EnvConfig
+from npend_gym.envs import EnvConfig, Mode
 from npend_gym.envs.modes import SwingUp
 from npend_gym.rl import evaluate, recovery
 
@@ -279,3 +279,47 @@ def test_a_task_that_draws_its_start_in_python_can_be_learned():
     theta, omega = np.split(collector.states, 2, axis=1)
     as_the_task = ((theta >= 1.0) & (theta < 2.0) & (omega == 0.0)).all(axis=1)
     assert 0.1 < as_the_task.mean() < 0.5  # a quarter
+
+
+class Turn(Mode):
+    """Turn in one direction."""
+
+    dt, torque_share = 0.05, 1.5
+
+    def start(self, rng, n, *_):
+        return rng.uniform(-0.1, 0.1, n), np.zeros(n)
+
+    def reward(self, quantities):
+        speed = quantities.omega[..., 0] / 10.0
+        return 0.5 + 0.5 * speed / (1.0 + abs(speed))
+
+
+class Exponential(Turn):
+    name = "exponential"
+
+    def reward(self, quantities):
+        return np.exp(-quantities.energy)
+
+
+class Constant(Turn):
+    name = "constant"
+
+    def reward(self, quantities):
+        return 1.0 * (quantities.tip > 0.0)
+
+
+@pytest.mark.long
+def test_a_mode_of_the_users_own_is_learned():
+    env = {"n": 1, "mode": Turn(), "observation": "sincos"}
+    policy, _ = train(Settings(env=env, total_timesteps=8000))
+    found, least = (
+        evaluate(each, env, episodes=5).returns.mean()
+        for each in (policy, lambda observation, _: np.zeros((len(observation), 1), np.float32))
+    )
+    assert found > 1.2 * least
+
+
+@pytest.mark.parametrize("mode", [Exponential(), Constant()], ids=str)
+def test_a_reward_without_a_gradient_is_refused(mode):
+    with pytest.raises(ValueError, match=f"reward of mode '{mode.name}' must have a gradient"):
+        train(Settings(env={"n": 1, "mode": mode, "observation": "sincos"}))

@@ -77,7 +77,8 @@ class TensorTask:
         episodes = Episodes(config, 1)
         episodes.seeds.read_keys(np.arange(1))  # no seed is chosen, and modes in Python need one
         episodes.start(np.ones(1, np.bool_))
-        self._own = self._lanes_of(episodes.beginnings())
+        self._first: EpisodeStarts = episodes.beginnings()
+        self._own = self._lanes_of(self._first)
         self._parts = [part.float() for part in _parts(self._own)]
         self._own = self._with(self._parts)
         self.inputs: int = len(self.obs_scale)  # of the actor
@@ -112,6 +113,25 @@ class TensorTask:
     def _state(self, states: torch.Tensor, context: torch.Tensor) -> TensorState:
         q, u = states.chunk(2, dim=-1)
         return TensorState(q, u, self._lanes(context), _sincos)
+
+    def check_gradient(self) -> None:
+        """Raise a ValueError where a mode of the user's own has a reward without a gradient."""
+        mode, numbers = self.config.mode, self.config.state_size + self.config.joints.size
+        given = torch.full((1, numbers), 0.5, requires_grad=True)
+        state, action = given.split([self.config.state_size, self.config.joints.size], dim=1)
+        context = self.context_of(self._first) if self.varied else torch.zeros(1, 0)
+        try:
+            has_gradient = self.reward(state, action, context).requires_grad
+        except RuntimeError as error:  # of PyTorch, where NumPy takes a tensor
+            if "numpy()" not in str(error):
+                raise
+            has_gradient = False
+        if not has_gradient and self.config.reward_type == "dense":
+            raise ValueError(
+                f"reward of mode {mode.name!r} must have a gradient for shac: write it with "
+                "+ - * /, ** and abs, without functions of NumPy; or train by an algorithm "
+                "without gradients"
+            )
 
     def observe(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return the observations, (..., inputs), over their scale."""
