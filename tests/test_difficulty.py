@@ -6,6 +6,9 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
+from gymnasium.wrappers import FrameStackObservation, RescaleAction
+from gymnasium.wrappers.vector import TransformObservation
 
 from npend_gym import NPendulumEnv, NPendulumVectorEnv
 from npend_gym.envs import Curriculum, JoinedVectorEnv, PadRods, VectorCurriculum, VectorPadRods
@@ -300,6 +303,28 @@ def test_padded_actions_reach_the_motors_that_there_are():
         PadRods(NPendulumEnv(n=2), 1)
 
 
+def test_a_mask_that_is_none_resets_all_at_the_present_level():
+    envs = gym.make_vec("npend/Balance-v1", num_envs=2, n=1)
+    envs = VectorCurriculum(envs, [{"spread": 0.02}, {"spread": 0.1}])
+    envs.load_state_dict({"level": 1, "outcomes": []})
+    assert envs.reset(seed=0, options={"reset_mask": None})[1]["level"].tolist() == [1, 1]
+
+
+def test_padded_spaces_are_those_of_the_wrappers_below():
+    ends = np.float32(-10.0), np.float32(10.0)
+    env = PadRods(RescaleAction(NPendulumEnv(n=1, max_torque=2.0), *ends), 2)
+    assert env.action_space.high.tolist() == [10.0]
+    env.reset(seed=0)
+    assert env.step(env.action_space.high)[-1]["torque"].tolist() == [2.0]
+    with pytest.raises(ValueError, match="actuated must be left out where a wrapper has changed"):
+        PadRods(env.env, 2, actuated=(0, 1))
+    with pytest.raises(ValueError, match=r"observations of the shape \(2,\), got \(3, 2\)"):
+        PadRods(FrameStackObservation(NPendulumEnv(n=1), 3), 2)
+    spaces = Box(-1.0, 1.0, (2, 2)), Box(-1.0, 1.0, (2,))
+    envs = TransformObservation(NPendulumVectorEnv(2, n=1), np.tanh, *spaces)
+    assert VectorPadRods(envs, 2).single_observation_space.high.tolist() == [1.0] * 6
+
+
 def joined(mode, lengths=(1, 3), steps=3, count=2):
     return JoinedVectorEnv([
         VectorPadRods(
@@ -356,7 +381,9 @@ def test_wrong_seeds_masks_and_actions_of_joined_environments_are_of_all_of_them
     envs = joined("DISABLED")
     assert np.array_equal(envs.reset(seed=np.int64(5))[0], joined("DISABLED").reset(seed=5)[0])
     mask = {"reset_mask": np.array([True, False])}
+    half = {"reset_mask": np.array([False, False, True, False])}
     for message, call in (
+        ("must be all True in the first reset", lambda: joined("DISABLED").reset(options=half)),
         ("each of the 4 sub-environments, got 3", lambda: envs.reset(seed=[1, 2, 3])),
         ("seed must be an integer, got 'a'", lambda: envs.reset(seed="a")),
         (r"reset_mask'\] must have the shape \(4,\)", lambda: envs.reset(options=mask)),

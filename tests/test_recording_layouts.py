@@ -197,6 +197,38 @@ def test_times_that_begin_again_are_another_recording(written):
     assert "these are 2 recordings" in read.said[0]
 
 
+def rates_of(rows):
+    """A table of the gyroscope, with a steady error, of rows of a long swing."""
+    times = np.arange(0.0, 12.0, 0.02)
+    swing = simulate(Chain([1.0], [0.5]), 0.5, 0.0, times)
+    return swing.theta[rows], table("t,omega0", times[rows], swing.omega[rows] + 0.03)
+
+
+def test_rates_are_not_integrated_across_a_gap(written):
+    kept = np.r_[0:250, 285:320, 355:600]  # the part in the middle has no whole swing
+    theta, text = rates_of(kept)
+    read = read_recording(written(text))
+    assert read.motion.times.size == 250 + 245
+    assert "35 rows show no whole swing between two gaps and are left out" in read.said[0]
+    assert np.abs(read.motion.theta - np.delete(theta, np.s_[250:285], axis=0)).max() < 0.02
+
+
+def test_rates_are_not_integrated_from_one_recording_to_the_next(written):
+    parts = [rates_of(rows) for rows in (np.s_[:300], np.s_[40:330])]
+    (first, text), (second, more) = parts
+    start = 40 * 0.02
+    lines = [line.split(",") for line in more.splitlines()[1:]]
+    more = "".join(f"{float(time) - start:.8g},{rate}\n" for time, rate in lines)
+    read = read_recording(written(text + more))
+    assert np.bincount(read.motion.piece).tolist() == [300, 290]
+    assert np.abs(read.motion.theta - np.concatenate([first, second])).max() < 0.02
+
+
+def test_rates_without_a_whole_swing_between_any_gaps_are_refused(written):
+    with pytest.raises(ValueError, match="rates must show a whole swing of every link"):
+        read_recording(written(rates_of(np.r_[0:30, 60:90, 120:150])[1]))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorWrapper
 from npend_gym import _checks
 from npend_gym._checks import BoolArray
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.inputs import checked_options, given_options
+from npend_gym.envs.inputs import checked_options, given_options, reset_mask
 
 
 def config_below(wrapper: str, env: Any) -> EnvConfig:
@@ -207,7 +207,7 @@ class VectorCurriculum(Levels, VectorWrapper):  # pyright: ignore[reportMissingT
     ) -> tuple[Any, dict[str, Any]]:
         """Begin episodes at the present level; `options` come before those of the level."""
         observation, info = self._reset(seed, options)
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
+        mask = reset_mask(given_options(options).get("reset_mask"), self.num_envs, every=False)
         self._begun_at[mask], self._waiting = self.level, self._waiting & ~mask
         return observation, info | {"level": self._begun_at.copy(), "_level": mask.copy()}
 

@@ -30,12 +30,20 @@ from npend_gym.envs.seeds import checked_seeds
 class Padding:
     """The places of observed entries and actions in spaces for `n_max` rods."""
 
-    def __init__(self, config: EnvConfig, n_max: Any, actuated: Any) -> None:
+    def __init__(
+        self, config: EnvConfig, n_max: Any, actuated: Any, observed: Any, acted: Any
+    ) -> None:
+        """Pad entries of the spaces `observed` and `acted`, which wrappers may have changed."""
         n, most = config.n, _checks.count("n_max", n_max)
         if n > most:
             raise ValueError(f"n_max must be at least the number of rods, {n}, got {most}")
         if config.goal_env:
             raise ValueError("env must observe an array: leave out goal_env, whose Dict has none")
+        if observed.shape != config.observation_space.shape:
+            raise ValueError(
+                f"env must have observations of the shape {config.observation_space.shape}, got "
+                f"{observed.shape}: put wrappers that change the shape around this one"
+            )
         rods = (n, most)
         blocks = [rods] * (1 + config.with_sines + config.observe_velocities)
         if config.has_cart:
@@ -47,16 +55,19 @@ class Padding:
         self.columns: list[int] = []
         bounds: list[Any] = []
         for entries, width in blocks:
-            first, observed = len(bounds), len(self.columns)
+            first, column = len(bounds), len(self.columns)
             self.columns += range(first, first + entries)
-            bounds += [config.observation_space.high[observed]] * width  # type: ignore[attr-defined]
+            bounds += [(observed.low[column], observed.high[column])] * width
         self.mask: ObsArray = (np.arange(most) < n).astype(np.float32)
-        bound = np.array(bounds, np.float32)
-        low, high = np.append(-bound, np.zeros(most)), np.append(bound, np.ones(most))
-        self.space: gym.spaces.Box = gym.spaces.Box(low.astype("f4"), high.astype("f4"))
-        self.actions: gym.Space[Any] = config.action_space
+        low, high = np.array([*bounds, *[(0.0, 1.0)] * most], np.float32).T
+        self.space: gym.spaces.Box = gym.spaces.Box(low, high)
+        self.actions: gym.Space[Any] = acted
         self.motors: list[int] | slice = slice(None)
         if actuated is not None:
+            if acted != config.action_space:
+                raise ValueError(
+                    f"actuated must be left out where a wrapper has changed the actions to {acted}"
+                )
             self._fit_motors(config, most, actuated)
 
     def _fit_motors(self, config: EnvConfig, most: int, actuated: Any) -> None:
@@ -130,7 +141,9 @@ class PadRods(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, n_max=n_max, actuated=actuated)
         gym.Wrapper.__init__(self, env)
-        self._padding = Padding(config_below("PadRods", env), n_max, actuated)
+        self._padding = Padding(
+            config_below("PadRods", env), n_max, actuated, env.observation_space, env.action_space
+        )
         self.observation_space = self._padding.space
         self.action_space = self._padding.actions
 
@@ -173,7 +186,10 @@ class VectorPadRods(VectorActionWrapper, VectorObservationWrapper):  # pyright: 
 
     def __init__(self, env: Any, n_max: int, *, actuated: Sequence[int] | None = None) -> None:
         VectorWrapper.__init__(self, env)  # that of observation wrappers refuses SAME_STEP
-        self._padding = Padding(config_below("VectorPadRods", env), n_max, actuated)
+        self._padding = Padding(
+            config_below("VectorPadRods", env), n_max, actuated, env.single_observation_space,
+            env.single_action_space,
+        )  # fmt: skip
         self.single_observation_space = self._padding.space
         self.single_action_space = self._padding.actions
         self.observation_space = batch_space(self._padding.space, self.num_envs)
@@ -271,7 +287,7 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
             given = [given + k for k in range(self.num_envs)]
         seeds = np.split(np.array(given, object), self._parts) if given is not None else None
         mask = given_options(options).get("reset_mask")
-        masks = np.split(reset_mask(mask, self.num_envs, every=False), self._parts)
+        masks = np.split(reset_mask(mask, self.num_envs, every=not self._last), self._parts)
         results: list[tuple[Any, dict[str, Any]]] = []
         for k, (env, mask) in enumerate(zip(self.envs, masks, strict=True)):
             if not mask.any():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from npend_gym.identification.columns import (
     single,
 )
 from npend_gym.identification.instants import MIN_ROWS
-from npend_gym.identification.motion import passes, pieces_in_turn
+from npend_gym.identification.motion import Motion, passes, pieces_in_turn
 from npend_gym.identification.tables import Column, Table
 
 _SINCE_1970 = 1e11, 1e14, 1e17  # numbers from which on instants are in ms, us, ns since then
@@ -146,7 +147,7 @@ def _of_run(
         places = np.stack([values, np.column_stack([one.values for one in y])[full]], axis=2)
         theta, lengths = _from_positions(places, fps is not None and not table.named, said)
     elif role in ("omega", "axes"):
-        theta = _from_rates(times, values, role == "axes", said)
+        theta = _from_rates(times, values, labels[full], role == "axes", said)
     else:
         if role == "axis" and not in_degrees and float(np.abs(values).max()) > 1.01 * np.pi:
             values, in_degrees = np.radians(values), True
@@ -171,7 +172,10 @@ def _of_run(
     if moving:
         position = single(moving)[0].values[full]
         said.append(f"{moving[0].column.name!r} is the position of a cart, in metres")
-    return Reading(times, theta, torque, labels[full], lengths, said, position)
+    known = np.isfinite(theta).all(axis=1)
+    parts = (None if one is None else one[known] for one in (torque, position))
+    torque, position = parts
+    return Reading(times[known], theta[known], torque, labels[full][known], lengths, said, position)
 
 
 def _in_order(
@@ -276,10 +280,14 @@ def _centre_of_circle(places: FloatArray) -> FloatArray:
     return middle + np.linalg.lstsq(matrix, squares, rcond=None)[0][:2]
 
 
-def _from_rates(times: FloatArray, rates: FloatArray, axes: bool, said: list[str]) -> FloatArray:
+def _from_rates(
+    times: FloatArray, rates: FloatArray, pieces: NDArray[Any], axes: bool, said: list[str]
+) -> FloatArray:
     """Return angles of which the rates, or those about three axes, are given [rad/s].
 
-    The axis of the hinge is the direction in which rates vary most: a phone may lie obliquely.
+    The axis of the hinge is the direction in which rates vary most: a phone may lie obliquely. No
+    rate says how an angle changed in a gap, or from one recording to the next: each stretch is
+    integrated alone, and rows that belong to none are NaN.
     """
     if axes:
         axis = np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
@@ -287,14 +295,32 @@ def _from_rates(times: FloatArray, rates: FloatArray, axes: bool, said: list[str
         rates = (rates @ axis)[:, None]
         shown = ", ".join(f"{part:.2f}" for part in axis.tolist())
         said.append(f"the axis of the hinge is ({shown}) in the sensor")
-    theta: FloatArray = np.asarray(cumulative_trapezoid(rates, times, axis=0, initial=0))
+    stretches = Motion(times, rates, None, pieces).stretches() or [slice(0, times.size)]
+    theta = np.full_like(rates, np.nan)
+    for rows, link in product(stretches, range(rates.shape[1])):
+        theta[rows, link] = _without_drift(times[rows], rates[rows, link], len(stretches) == 1)
     said.append("rates are integrated; a steady rate, and the mean angle, are taken as zero")
-    for link in range(theta.shape[1]):
-        turned = passes(times, rates[:, link] - rates[:, link].mean())
+    if (lost := int(np.isnan(theta).any(axis=1).sum())) == times.size:
+        raise ValueError("rates must show a whole swing of every link between two gaps at least")
+    if lost:
+        said.append(f"{lost} rows show no whole swing between two gaps and are left out")
+    return theta
+
+
+def _without_drift(times: FloatArray, rates: FloatArray, alone: bool) -> FloatArray:
+    """Return the integral of rates that swing about zero; NaN where it is unknown.
+
+    Without a whole swing the mean angle of a stretch is not zero; that of one `alone` is a guess.
+    """
+    theta: FloatArray = np.asarray(cumulative_trapezoid(rates, times, initial=0))
+    steady, middle = float(rates.mean()), 0.0
+    for _ in range(3):  # the mean of parts of a swing is not the steady rate
+        turned = passes(times, rates - steady)
         if turned.size > 1:  # of whole swings from a turning point on, a line has no slope
             whole = (times >= turned[0]) & (times <= turned[-1])
         else:
-            whole = np.ones(times.size, np.bool_)
-        slope, middle = np.polyfit(times[whole], theta[whole, link], 1).tolist()
-        theta[:, link] -= middle + slope * times
-    return theta
+            whole = np.full(times.size, alone)
+        if not whole.any():
+            return np.full_like(theta, np.nan)
+        steady, middle = np.polyfit(times[whole], theta[whole], 1).tolist()
+    return theta - middle - steady * times

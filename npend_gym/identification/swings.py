@@ -20,6 +20,7 @@ _DEGREES = math.pi / 180.0, 180.0 / math.pi  # times the angles: units that were
 _BETTER = 3.0  # times smaller is the error of a period from amplitudes in their own unit
 _QUICK, _SLOW = 0.05, 60.0  # s, of pendulums of 0.6 mm and 900 m
 _EARTH, _FAR = 9.81, 1.1  # m/s^2, and the factor from which on a measured one is doubted
+_ROWS = 2 * len(_HARMONICS) + 3  # of a swing, at least
 _LEAST = 4  # swings, which determine a period, a decay and the errors of both
 
 
@@ -137,7 +138,8 @@ def measure_swings(
     if sum(run[1].size for run in runs) < _LEAST:
         raise ValueError(
             f"motion must have {_LEAST} whole swings at least without a gap, none of which turns "
-            "over; are these degrees (--degrees), or counts of an encoder?"
+            f"over, each of {_ROWS} rows or more; are these degrees (--degrees), or counts of an "
+            "encoder?"
         )
     times, amplitudes, periods = (np.concatenate([run[k] for run in runs]) for k in (1, 2, 3))
     period, period_error = _fit_period(runs)
@@ -202,7 +204,7 @@ def _swings_of(times: FloatArray, theta: FloatArray) -> tuple[FloatArray, ...]:
         found.clear()
         for first, last in zip(passed[:-1].tolist(), passed[1:].tolist(), strict=True):
             inside = (times >= first) & (times <= last)
-            if inside.sum() < 2 * len(_HARMONICS) + 3:
+            if inside.sum() < _ROWS:
                 continue
             middle, size = _turning_points(times[inside], theta[inside], first, last)
             found.append((0.5 * (first + last), size, last - first, middle))
