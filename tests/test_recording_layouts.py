@@ -237,6 +237,8 @@ def test_rates_without_a_whole_swing_between_any_gaps_are_refused(written):
         (table("t,angle (counts)", TIMES, SWING), "unit of the column 'angle (counts)' must"),
         (table("t,gyro_x", TIMES, SWING), "rates of a gyroscope must be about x, y and z"),
         (table("t,Acceleration x (m/s^2)", TIMES, SWING), "accelerations show no angle"),
+        (table("t,q0,q1,q2,q3", TIMES, np.cos(SWING / 2), ZERO, np.sin(SWING / 2), ZERO),
+         "'q0', 'q1', 'q2', 'q3' are a quaternion"),
         (table("", SWING, TIMES, ZERO), "such as --columns time=1,theta0=2"),
         (table("t,angle", [""] * 300, SWING), "the column 't' must have times, but it is empty"),
         (table("t,angle", [f'"{997 + k:,}"' for k in range(300)], SWING), "t (text)"),

@@ -31,6 +31,7 @@ _SINCE_1970 = 1e11, 1e14, 1e17  # numbers from which on instants are in ms, us, 
 _LONG_AGO = 1e8  # s; instants that are larger are from another day
 _BACKWARDS = 0.01  # of the rows: so many may be late
 _ANEW = 0.1  # of a recording: where times fall back to before, another one begins
+_UNIT = 0.01  # by so much a quaternion's sum of squares differs from 1, where it is rounded
 _FIXED = 0.05  # of the scatter of the next marker: one that moves less is the pivot
 _ROUND = 0.03  # scatter of the distance from the origin, of its mean: the origin is the pivot
 
@@ -142,6 +143,12 @@ def _of_run(
     full, labels = _in_order(times, full, labels, said)
     sizes = [DEGREE if degrees and role != "x" else one.size for one in chosen]
     values = np.column_stack([one.column.values for one in chosen])[full] * sizes
+    if values.shape[1] == 4 and role != "x" and _is_quaternion(values):
+        raise ValueError(
+            f"the columns {names} are a quaternion, because their squares add up to 1, and no "
+            "angles of four links: give the angle about the hinge, which is twice the arctangent "
+            "of the part along the hinge over w"
+        )
     times, lengths, in_degrees = times[full], None, sizes[0] == DEGREE
     if role == "x":
         places = np.stack([values, np.column_stack([one.values for one in y])[full]], axis=2)
@@ -269,6 +276,11 @@ def _from_positions(
         f"{shown} long in their unit"
     )
     return theta, lengths
+
+
+def _is_quaternion(values: FloatArray) -> bool:
+    """Return whether rows of four numbers are turns in space: no four angles keep such a sum."""
+    return bool(np.all(np.abs((values**2).sum(axis=1) - 1.0) < _UNIT))
 
 
 def _centre_of_circle(places: FloatArray) -> FloatArray:
