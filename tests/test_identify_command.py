@@ -306,6 +306,12 @@ def test_times_that_are_rounded_become_evenly_spaced_again(rate, digits, missing
     assert motion.period() == pytest.approx(check_motion(times, theta).period(), rel=0.02)
 
 
+def test_times_that_stand_twice_are_not_taken_as_rounded():
+    times = np.repeat(np.arange(0.0, 6.0, 0.02), 2)
+    with pytest.raises(ValueError, match="leave out rows that stand twice"):
+        check_motion(times, np.sin(3.0 * times))
+
+
 def test_jitter_that_is_real_is_kept_and_misleads_no_period():
     times = np.arange(0.0, 30.0, 1.0 / 60.0)
     times += np.random.default_rng(0).uniform(-0.007, 0.007, times.size)

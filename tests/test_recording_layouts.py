@@ -191,6 +191,25 @@ def test_rows_without_a_time_are_counted_among_those_left_out(written):
     assert "30 of 300 rows have empty cells and are left out" in read.said[0]
 
 
+def test_of_rows_that_stand_twice_one_is_taken(written):
+    twice = table("t,angle", np.repeat(TIMES, 2), np.repeat(SWING, 2))
+    read = read_recording(written(twice))
+    assert read.motion.times == pytest.approx(TIMES)
+    assert "300 rows are the same as those before them and are left out" in read.said[0]
+
+
+def test_a_first_row_without_a_date_is_left_out(written):
+    start = np.datetime64("2024-05-01T12:00:00.000000")
+    dates = [str(start + np.timedelta64(round(1e6 * time), "us")) for time in TIMES.tolist()]
+    read = read_recording(written(table("time,angle", ["", *dates[1:]], SWING)))
+    assert read.motion.times == pytest.approx(TIMES[1:] - TIMES[1], abs=1e-6)
+
+
+def test_cells_in_which_r_and_excel_write_that_they_are_empty_are_so(written):
+    cells = [("NA", "#N/A", f"{angle:.9g}")[min(k % 9, 2)] for k, angle in enumerate(SWING[:, 0])]
+    assert read_recording(written(table("t,angle", TIMES, cells))).motion.times.size == 232
+
+
 def test_times_that_begin_again_are_another_recording(written):
     read = read_recording(written(PLAIN + PLAIN.replace("time,angle\n", "")))
     assert np.bincount(read.motion.piece).tolist() == [300, 300]

@@ -140,6 +140,7 @@ def _of_run(
     if not full.any():
         raise ValueError(f"the file must have rows with numbers in all of {names}")
     labels = by_role["piece"][0].column.values if "piece" in by_role else None
+    full = _once(times, cells, full, said)
     full, labels = _in_order(times, full, labels, said)
     sizes = [DEGREE if degrees and role != "x" else one.size for one in chosen]
     values = np.column_stack([one.column.values for one in chosen])[full] * sizes
@@ -183,6 +184,23 @@ def _of_run(
     parts = (None if one is None else one[known] for one in (torque, position))
     torque, position = parts
     return Reading(times[known], theta[known], torque, labels[full][known], lengths, said, position)
+
+
+def _once(
+    times: FloatArray, cells: FloatArray, full: NDArray[np.bool_], said: list[str]
+) -> NDArray[np.bool_]:
+    """Return which rows to take: of those that stand twice, as of a sensor read too often, one.
+
+    Where some rows have one time and differ, times are rounded: these rows stay.
+    """
+    rows = np.flatnonzero(full)
+    again = rows[1:][np.diff(times[rows]) == 0.0]
+    before = rows[:-1][np.diff(times[rows]) == 0.0]
+    if again.size and np.array_equal(cells[again], cells[before]):
+        said.append(f"{again.size} rows are the same as those before them and are left out")
+        full = full.copy()
+        full[again] = False
+    return full
 
 
 def _in_order(

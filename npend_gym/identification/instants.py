@@ -27,7 +27,12 @@ def evenly_spaced(given: FloatArray, pieces: Sequence[slice]) -> FloatArray:
             continue
         mean = float(own[-1] - own[0]) / (own.size - 1)
         typical = float(np.mean(steps[steps <= np.median(steps) + 1.5 * unit]))
-        for frames in (np.arange(own.size), np.cumsum(np.rint(np.r_[0.0, steps] / typical))):
+        numbers = list[FloatArray]()
+        if np.ptp(steps) < 1.5 * unit:  # else rows are missing, or stand twice
+            numbers.append(np.arange(own.size, dtype=np.float64))
+        if typical > 0.0:
+            numbers.append(np.cumsum(np.rint(np.r_[0.0, steps] / typical)))
+        for frames in numbers:
             interval, first = np.polyfit(frames, own, 1) if mean > 0.0 else (0.0, 0.0)
             even = first + interval * frames
             away = np.max(np.abs(even - own)) / unit

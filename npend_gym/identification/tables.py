@@ -28,7 +28,8 @@ MAX_BYTES = 500_000_000
 _SEPARATORS = "\t", ";", ",", None  # None stands for any blanks
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
-_EMPTY = "", "nan", "-", "z1 1:", "null", "none", "n/a"  # cells without a value, in lower case
+# cells without a value, in lower case
+_EMPTY = "", "nan", "-", "z1 1:", "null", "none", "na", "n/a", "#n/a"
 COMMENT = "%", "#"  # before names, and before what a program says of itself
 # what files that have no table of numbers begin with
 _OTHERS = {
@@ -340,7 +341,8 @@ def _instants(cells: Sequence[str]) -> FloatArray | None:
         instants = np.array(plain, "datetime64[ns]")
     except ValueError:
         return None
-    return (instants - instants[0]) / np.timedelta64(1, "s")
+    known = instants[~np.isnat(instants)]
+    return (instants - known[0]) / np.timedelta64(1, "s") if known.size else None
 
 
 def _number(cell: str, *, decimal_comma: bool = True) -> float | None:
