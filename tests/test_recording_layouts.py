@@ -191,6 +191,13 @@ def test_rows_without_a_time_are_counted_among_those_left_out(written):
     assert "30 of 300 rows have empty cells and are left out" in read.said[0]
 
 
+@pytest.mark.parametrize(("unit", "size"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_times_since_1970_begin_at_zero_whatever_their_unit(unit, size, written):
+    rows = [str(round(size * DAY) + round(size * time)) for time in np.arange(300).tolist()]
+    read = read_recording(written(table(f"time_{unit},angle", rows, SWING)))
+    assert read.motion.times == pytest.approx(np.arange(300.0), abs=1e-5)
+
+
 def test_of_rows_that_stand_twice_one_is_taken(written):
     twice = table("t,angle", np.repeat(TIMES, 2), np.repeat(SWING, 2))
     read = read_recording(written(twice))
@@ -258,6 +265,8 @@ def test_rates_without_a_whole_swing_between_any_gaps_are_refused(written):
         (table("t,Acceleration x (m/s^2)", TIMES, SWING), "accelerations show no angle"),
         (table("t,q0,q1,q2,q3", TIMES, np.cos(SWING / 2), ZERO, np.sin(SWING / 2), ZERO),
          "'q0', 'q1', 'q2', 'q3' are a quaternion"),
+        (table("t,x (cm),y (mm)", TIMES, FIRST[:, 0], 10.0 * FIRST[:, 1]),
+         "positions must have one unit, but differ in it: 'x (cm)', 'y (mm)'"),
         (table("", SWING, TIMES, ZERO), "such as --columns time=1,theta0=2"),
         (table("t,angle", [""] * 300, SWING), "the column 't' must have times, but it is empty"),
         (table("t,angle", [f'"{997 + k:,}"' for k in range(300)], SWING), "t (text)"),

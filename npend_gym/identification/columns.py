@@ -50,7 +50,8 @@ _RATES = (
 SPELT = {"ms": "milliseconds", "us": "microseconds", "µs": "microseconds", "μs": "microseconds",
           "ns": "nanoseconds", "min": "minutes"}  # fmt: skip
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_TORQUES = {"n m": 1.0, "nm": 1.0, "n*m": 1.0, "n·m": 1.0, "n-m": 1.0, "mnm": 1e-3, "mn m": 1e-3}
+_TORQUES = {"n m": 1.0, "nm": 1.0, "n*m": 1.0, "n·m": 1.0, "n.m": 1.0, "n-m": 1.0, "mnm": 1e-3,
+            "mn m": 1e-3}  # fmt: skip
 _UNITS = {"time": SECONDS, "theta": _RADIANS, "axis": _RADIANS, "relative": _RADIANS,
           "omega": _RATES, "axes": _RATES, "position": _METRES, "tau": _TORQUES}  # fmt: skip
 

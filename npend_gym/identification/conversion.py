@@ -125,6 +125,9 @@ def _of_run(
     times = _times(table, by_role, run, fps, said)
     role, chosen = angles_in(table, by_role)
     torques, y = by_role.get("tau", []), single(by_role["y"]) if role == "x" else []
+    if role == "x" and len({one.unit for one in (*chosen, *y)}) > 1:
+        names = ", ".join(repr(one.column.name) for one in (*chosen, *y))
+        raise ValueError(f"positions must have one unit, but differ in it: {names}")
     moving = [one for one in by_role.get("position", []) if one.moves]
     needed = [*chosen, *y, *torques, *moving, *by_role.get("piece", ())]
     cells = np.column_stack([times, *(one.column.values for one in needed)])
@@ -265,7 +268,7 @@ def _times(
     if not unit:
         unit = ("s", "ms", "us", "ns")[sum(start >= size for size in _SINCE_1970)]
         times = times * SECONDS[unit]
-    if start * SECONDS[unit] > _LONG_AGO:
+    if np.nanmin(np.abs(times)) > _LONG_AGO:
         times = times - np.nanmin(times)
     said.append(f"times are {chosen.column.name!r}, in {SPELT.get(unit, 'seconds')}")
     return times

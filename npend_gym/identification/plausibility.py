@@ -43,7 +43,7 @@ _CHECK = (
 def _integrated(motion: Motion) -> FloatArray:
     """Return the angles whose rates are those of `motion`, about their mean."""
     out = motion.theta.copy()
-    for rows in motion.pieces():
+    for rows in motion.stretches():
         theta, times = motion.theta[rows], motion.times[rows]
         angle: FloatArray = np.asarray(cumulative_trapezoid(theta, times, axis=0, initial=0))
         out[rows] = angle - angle.mean(axis=0)
