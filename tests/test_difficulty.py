@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
+from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import FrameStackObservation, RescaleAction
 from gymnasium.wrappers.vector import TransformObservation
 
@@ -375,6 +376,31 @@ def test_joined_environments_must_fit_each_other():
         JoinedVectorEnv(envs)
     with pytest.raises(TypeError, match="envs must be vector environments, got <TimeLimit"):
         JoinedVectorEnv([gym.make("npend/SwingUp-v1")])
+
+
+def test_an_action_that_is_not_finite_steps_none_of_the_joined_environments():
+    envs = joined("NEXT_STEP")
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match="action must be finite"):
+        envs.step([[0.0]] * 3 + [[np.nan]])
+    assert envs.step([[0.0]] * 4)[-1]["time"] == pytest.approx([0.05] * 4)
+
+
+class Telling(gym.Env):
+    """An environment whose info has a number."""
+
+    observation_space, action_space = Box(-1.0, 1.0), Box(-1.0, 1.0)
+
+    def __init__(self, number):
+        self.number = number
+
+    def reset(self, **_):
+        return self.observation_space.sample(), {"number": self.number}
+
+
+def test_infos_of_several_types_keep_their_numbers_in_joined_environments():
+    envs = [SyncVectorEnv([lambda number=number: Telling(number)]) for number in (1, 2.5)]
+    assert JoinedVectorEnv(envs).reset()[1]["number"].tolist() == [1.0, 2.5]
 
 
 def test_wrong_seeds_masks_and_actions_of_joined_environments_are_of_all_of_them():

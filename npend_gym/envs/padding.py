@@ -305,6 +305,8 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
                 f"action must have a row for each of the {self.num_envs} sub-environments, got the "
                 f"shape {given.shape}"
             )
+        if given.dtype.kind == "f" and not np.isfinite(given).all():  # before any takes the step
+            raise ValueError(f"action must be finite, got {_checks.show(actions)}")
         parts = zip(self.envs, np.split(given, self._parts), strict=True)
         results = [env.step(own) for env, own in parts]
         reward, terminated, truncated = (
@@ -338,9 +340,10 @@ def _joined(infos: Sequence[dict[str, Any]], sizes: Sequence[int]) -> dict[str, 
         if isinstance(some, dict):
             joined[key] = _joined([value or {} for value in given], sizes)
             continue
-        empty = None if some.dtype == object else 0
-        shape = max(np.shape(value)[1:] for value in given if value is not None)
-        out = np.full((sum(sizes), *shape), empty, some.dtype)
+        arrays: list[Any] = [value for value in given if value is not None]
+        kind = np.result_type(*(value.dtype for value in arrays))
+        shape = max(value.shape[1:] for value in arrays)
+        out = np.full((sum(sizes), *shape), None if kind.kind == "O" else 0, kind)
         for value, end, size in zip(given, np.cumsum(sizes), sizes, strict=True):
             if value is not None:
                 out[(slice(end - size, end), *map(slice, np.shape(value)[1:]))] = value
