@@ -35,6 +35,10 @@ def table(suite: str, runs: Sequence[BenchmarkRun]) -> str:
 
 def _line(row: dict[str, Any], runs: Sequence[BenchmarkRun], tasks: Sequence[str]) -> list[str]:
     about = runs[0].record["about"]
+    if any(each.record["about"] != about for each in runs):
+        raise ValueError(
+            f"runs of {row['name']} must all say the same of steps and by, or have another name"
+        )
     steps = about.get("env_steps")
     means = (
         f"{sum(each.scores[task] for each in runs) / len(runs):.2f}"

@@ -32,6 +32,13 @@ def test_every_result_is_complete_and_has_the_name_of_its_file():
     assert all(each.complete for each in runs)
 
 
+def test_runs_of_one_name_say_the_same_of_their_training():
+    runs = [each for each in read_benchmarks([RESULTS]) if each.name == "PPO"][:2]
+    runs[1].record["about"]["by"] = "somebody else"
+    with pytest.raises(ValueError, match="runs of PPO must all say the same of steps and by"):
+        script().table("core", runs)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "file", ["pretrained-core-0", "random-core-0", "random-hard-0", "reference-release-0"]

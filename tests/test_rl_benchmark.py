@@ -185,6 +185,7 @@ def forge(path, change):
         (lambda said: said.update(name="../x"), "name must have"),
         (lambda said: said.pop("model"), "it lacks 'model'"),
         (lambda said: said.update(model=3), "model and about must be objects"),
+        (lambda said: said.update(made_by=[9.9]), "made_by a text"),
         (lambda said: said["about"].update(env_steps="many"), "env_steps must be an integer"),
         (lambda said: said["about"].update(by="a | b"), "by must be a text"),
     ],
@@ -210,6 +211,14 @@ def test_damaged_episodes_are_refused(old, new, shipped, tmp_path):
         rl.read_benchmarks([path])
 
 
+def test_more_episodes_than_the_protocol_has_are_refused(tmp_path):
+    columns = {name: np.zeros(101) for name in ("score", "return", "settling_time", "motor_work")}
+    record = {"model": {}, "about": {}, "made_by": ""}
+    path, _ = rl.BenchmarkRun("a", "core", 0, {"balance-2": columns}, record).write(tmp_path)
+    with pytest.raises(ValueError, match="at most 100 episodes of a task, got 101 of balance-2"):
+        rl.read_benchmarks([path])
+
+
 # -- the check --------------------------------------------------------------------------------
 
 
@@ -230,6 +239,8 @@ def test_a_check_plays_again_and_finds_the_forged_episode(shipped, tmp_path):
     assert not replay.accepted
     assert replay.differing == {"swingup-1": [rl.HELD_OUT + 1]}
     assert rl.check_benchmark(read, policies, tolerance=0.5).accepted
+    with pytest.raises(ValueError, match="tolerance must be below 1, a share of the episodes"):
+        rl.check_benchmark(read, policies, tolerance=1.0)  # with which anything is accepted
 
 
 def test_a_check_takes_the_models_of_the_result_alone(shipped):
@@ -261,7 +272,9 @@ def test_the_command_plays_a_folder_of_runs_and_checks_what_it_wrote(tmp_path, c
     assert json.loads((out / "mine-core-3.json").read_text())["about"] == {"env_steps": 1000}
     check = ["benchmark", models, "--check", str(out / "mine-core-3.json")]
     assert main(check) == 0
-    assert "accepted, its episodes are the same to the last bit" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "accepted, its episodes are the same to the last bit" in shown.out
+    assert "fewer than 100 episodes of a task are not complete" in shown.err
     (found,) = rl.read_benchmarks([out / "mine-core-3.json"])
     forged(found, out)
     assert main(check) == 1
@@ -300,6 +313,24 @@ def test_the_command_compares_files(shipped, tmp_path, capsys):
     assert "give a model, --compare or --check" in capsys.readouterr().err
 
 
+def test_a_result_is_written_before_it_is_compared(tmp_path, monkeypatch, refusal):
+    monkeypatch.setattr("npend_gym.rl.benchmarking.suites.EPISODES", 2)
+    rl.benchmark({"balance-2": still}, name="e", episodes=1).write(tmp_path)  # of one episode
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\ndef a(o, i): return np.ones((len(o), 1))"
+    )
+    options = ["--tasks", "balance-2", "--compare", str(tmp_path), "-o", str(tmp_path / "new")]
+    assert "runs must have as many" in refusal("benchmark", f"{tmp_path}/mine.py:a", *options)
+    assert len(rl.read_benchmarks([tmp_path / "new"])) == 1
+
+
+def test_a_folder_that_is_the_current_one_gives_its_name(tmp_path, monkeypatch, capsys):
+    rl.Policy.pretrained("balance-1-cart").save(tmp_path / "balance-1-cart.safetensors")
+    monkeypatch.chdir(tmp_path)
+    assert main(["benchmark", ".", "--episodes", "1"]) == 0
+    assert f"{tmp_path.name}, run 0" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -310,12 +341,20 @@ def test_the_command_compares_files(shipped, tmp_path, capsys):
         ("--compare . --env-steps 9", "--env-steps must be left out without a model"),
         ("--check e-core-0.json --json", "--json must be left out with --check"),
         ("random --check e-core-0.json --compare .", "--compare must be left out with --check"),
+        ("random --check e-core-0.json --suite hard", "--suite must be left out with --check"),
+        ("random --check e-core-0.json --episodes 9", "--episodes must be left out with --check"),
+        ("random --tolerance 0", "--tolerance must be left out without --check; got 0"),
+        ("--compare . --trust", "--trust must be left out without a model"),
+        ("--compare . --episodes 3", "--episodes must be left out without a model"),
+        ("random --compare . --name e", "name must be another than those in ., which has the run"),
+        ("f.py:few --tasks calm-2", "model must be for tasks of the suite 'core'"),
     ],
 )
 def test_options_that_the_command_would_not_use_are_refused_before_it_plays(
     options, message, tmp_path, monkeypatch, refusal
 ):
     rl.benchmark({"balance-2": still}, name="e", episodes=1).write(tmp_path)
+    (tmp_path / "f.py").write_text("few = {'balance-2': None}\n")
     monkeypatch.chdir(tmp_path)
     assert message in refusal("benchmark", *options.split())
     assert not (tmp_path / "new").exists()
@@ -358,12 +397,35 @@ def test_a_single_run_is_compared_by_its_episodes(shipped):
     assert (row["over"], row["tasks"], row["mean"]) == ("episodes", 2, 0.25)
 
 
+def test_the_mean_of_two_runs_lies_within_its_interval():
+    runs = [made_run("a", 0, np.ones(8)), made_run("a", 1, [1, 1, 0, 0, 0, 0, 0, 0])]
+    (row,) = rl.compare_benchmarks(runs)
+    assert row["iqm"] == 0.75  # 10 of 16 scores are 1, and 6 of the middle 8
+    assert row["low"] <= row["iqm"] <= row["high"]
+
+
+def test_one_model_is_not_two_runs():
+    source = {"from": "a", "sha256": {"swingup-1.zip": "0"}}
+    runs = [
+        rl.BenchmarkRun("a", "core", k, made_run("a", k, np.ones(8)).episodes, {"model": source})
+        for k in (0, 1)
+    ]
+    with pytest.raises(ValueError, match="runs of a must each have their own models"):
+        rl.compare_benchmarks(runs)
+
+
 def test_runs_of_several_suites_are_not_compared():
     release = rl.benchmark({"release-1": simulated}, "release", name="a", episodes=1)
     with pytest.raises(ValueError, match="runs must be of one suite, got core, release"):
         rl.compare_benchmarks([made_run("a", 0, np.ones(8)), release])
     with pytest.raises(ValueError, match="runs of a must each have their own seed"):
         rl.compare_benchmarks(2 * [made_run("a", 0, np.ones(8))])
+    columns = {name: np.zeros(9) for name in ("score", "return", "settling_time", "motor_work")}
+    longer = [rl.BenchmarkRun("b", "core", k, {"calm-2": columns}, {}) for k in range(3)]
+    with pytest.raises(
+        ValueError, match=r"runs must have as many episodes in each task, got \[3, 9"
+    ):
+        rl.compare_benchmarks([made_run("a", 0, np.ones(8)), *longer])
     with pytest.raises(ValueError, match="runs must be of one suite, got none"):
         rl.compare_benchmarks([])
 
@@ -400,13 +462,14 @@ def test_files_of_networks_play_as_the_policy_does(name, form, suffix, tmp_path)
     from npend_gym import export
 
     pytest.importorskip("torch" if form == "torch" else "onnxruntime")
+    trust = form == "torch"
     if form == "torch" and name == "swingup-5":
         pytest.skip("a program with a memory takes more than observations")
     policy = rl.Policy.pretrained(name)
     write = export.to_onnx if form == "onnx" else export.to_torch
     write(policy, tmp_path / f"{name}{suffix}")
     suite = "hard" if name == "swingup-5" else "core"
-    (run,) = read_models(str(tmp_path), suite).values()
+    (run,) = read_models(str(tmp_path), suite, trust=trust).values()
     assert list(run.source["sha256"]) == [f"{name}{suffix}"]
     found = rl.benchmark(run.models, suite, episodes=FEW).episodes[name]["return"]
     expected = rl.benchmark({name: policy}, suite, episodes=FEW).episodes[name]["return"]
@@ -442,6 +505,7 @@ def test_a_function_in_a_file_plays_and_what_is_no_model_is_refused(tmp_path):
     path.write_text("import numpy as np\ndef act(o, info): return np.zeros((len(o), 1))\nN = {}\n")
     (run,) = read_models(f"{path}:act", "core").values()
     assert len(run.models) == 8
+    assert run.source["sha256"] == {"mine.py": hashlib.sha256(path.read_bytes()).hexdigest()}
     assert rl.read_model("math:sin")(0.0) == 0.0
     for wrong, message in (
         (f"{path}:other", "model must be a name in"),
@@ -452,6 +516,42 @@ def test_a_function_in_a_file_plays_and_what_is_no_model_is_refused(tmp_path):
     ):
         with pytest.raises(ValueError, match=message):
             read_models(wrong, "core")
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".pt2"])
+def test_files_whose_loading_runs_code_must_be_trusted(suffix, tmp_path):
+    (tmp_path / f"swingup-1{suffix}").write_bytes(b"")
+    with pytest.raises(ValueError, match="must be trusted, because its pickles can run any code"):
+        read_models(str(tmp_path), "core", algorithm="PPO")
+
+
+def test_two_files_of_a_task_are_refused(tmp_path):
+    for name in ("swingup-1.zip", "swingup-1.onnx", "swingup-1-x.zip"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(
+        ValueError, match=r"model must have one file for swingup-1, got .*\.onnx and"
+    ):
+        read_models(str(tmp_path), "core")
+
+
+@pytest.mark.long
+def test_models_of_another_kind_than_said_are_refused(tmp_path):
+    sb3 = pytest.importorskip("stable_baselines3")
+    import torch
+
+    env = gym.make("npend/SwingUp-v1", n=1)
+    sb3.PPO("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu").save(tmp_path / "m.zip")
+    (tmp_path / "m.pt2").write_text("x")
+    for file, algorithm, message in (
+        ("m.zip", "SAC", "m.zip must be a model of SAC, got AttributeError"),
+        ("m.zip", "common", "algorithm must be a class of Stable-Baselines3"),
+        ("m.pt2", None, "m.pt2 must be a network that its library reads, got BadZipFile"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            rl.read_model(tmp_path / file, algorithm=algorithm, trust=True)
+    program = torch.export.export(torch.nn.Linear(3, 1), (torch.zeros(1, 3),))  # takes one row
+    with pytest.raises(ValueError, match="a program must take any number of observations"):
+        rl.benchmark({"swingup-1": program.module()}, episodes=2)
 
 
 def test_random_actions_are_the_same_in_every_play():

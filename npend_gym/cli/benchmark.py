@@ -27,17 +27,17 @@ from npend_gym.cli.common import FAILED, OK, finishing, prepare_results, progres
 def run(
     model: str | None = None,
     *,
-    suite: Literal["core", "hard", "release"] = "core",
+    suite: Literal["core", "hard", "release"] | None = None,
     name: str | None = None,
     algorithm: str | None = None,
     trust: bool = False,
     env_steps: int | None = None,
     by: str | None = None,
-    episodes: int = 100,
+    episodes: int | None = None,
     tasks: Sequence[str] | None = None,
     compare: Path | None = None,
     check: Path | None = None,
-    tolerance: float = 0.0,
+    tolerance: float | None = None,
     as_json: bool = False,
     out: Path | None = None,
 ) -> int:
@@ -47,28 +47,28 @@ def run(
     ----------
     model : model, optional
         Where the models are: a name of the package, a folder, a file, or a function.
-    suite : name
-        Which tasks are played.
+    suite : name, optional
+        Which tasks are played (default core).
     name : name, optional
         Of the algorithm, for tables and names of files (default the name of MODEL).
     algorithm : name, optional
         Class of Stable-Baselines3 or sb3-contrib that reads .zip files, such as PPO.
     trust : bool
-        Allow .zip and .pkl files, whose pickles can run any code.
+        Allow .zip, .pkl and .pt2 files, whose pickles can run any code.
     env_steps : int, optional
         Environment steps of the training of each task, for readers.
     by : str, optional
         Who trained it, for readers.
-    episodes : int
-        Of each task; with fewer than 100 the result is not complete.
+    episodes : int, optional
+        Of each task (default 100); with fewer the result is not complete.
     tasks : task, optional
         Only these tasks of the suite.
     compare : folder, optional
         A folder, or a JSON file, of results that are put beside these.
     check : file, optional
         A JSON file of results, whose episodes are played again and compared.
-    tolerance : float
-        Share of the episodes that may differ with --check.
+    tolerance : float, optional
+        Share of the episodes that may differ with --check (default 0).
     as_json : bool
         Print everything as JSON.
     out : folder, optional
@@ -81,18 +81,20 @@ def run(
     from npend_gym.rl.benchmarking.results import read_benchmarks
     from npend_gym.rl.benchmarking.suites import EPISODES, SUITES
 
-    of_model: dict[str, Any] = {"name": name, "env-steps": env_steps, "by": by, "out": out}
-    unused = {} if model is not None and check is None else of_model
+    played = {"name": name, "env-steps": env_steps, "by": by, "episodes": episodes, "out": out}
     if check is not None:
-        unused = of_model | {"compare": compare, "tasks": tasks, "json": as_json or None}
-    for option, value in unused.items():
-        if value is not None:
-            where = "without a model" if check is None else "with --check"
-            raise ValueError(f"--{option} must be left out {where}; got {value}")
+        chosen = {"suite": suite, "compare": compare, "tasks": tasks, "json": as_json or None}
+        _refuse(played | chosen, "with --check")
+    else:
+        _refuse({"tolerance": tolerance}, "without --check")
+    if model is None:
+        read = {"algorithm": algorithm, "trust": trust or None}
+        _refuse(read if check is not None else played | read, "without a model")
     if check is not None:
-        return _checked(check, model, algorithm, trust=trust, tolerance=tolerance)
+        return _checked(check, model, algorithm, trust=trust, tolerance=tolerance or 0.0)
     if model is None and compare is None:
         raise ValueError("give a model, --compare or --check")
+    suite, episodes = suite or "core", EPISODES if episodes is None else episodes
     for each in tasks or ():
         _checks.choice("tasks", each, tuple(SUITES[suite]))
     if out is not None and model is not None:
@@ -105,18 +107,26 @@ def run(
     if others and model is not None and episodes != EPISODES:
         raise ValueError(f"episodes must be {EPISODES} with --compare, got {episodes}")
     runs: list[Any] = []
-    chosen = SUITES[suite].__contains__ if tasks is None else list(tasks).__contains__
+    wanted = SUITES[suite] if tasks is None else tasks
     if model is not None:
         about: dict[str, Any] = {"env_steps": env_steps, "by": by}
         shown, plans = progress("tasks"), progress("plans")
-        read = read_models(model, suite, algorithm=algorithm, trust=trust, progress=plans)
-        for seed, found in read.items():
-            models = {each: found.models[each] for each in found.models if chosen(each)}
+        named = name or Path(model.partition(":")[0]).resolve().stem
+        found_models = read_models(model, suite, algorithm=algorithm, trust=trust, progress=plans)
+        if taken := [
+            each.run for each in others if each.name == named and each.run in found_models
+        ]:
+            raise ValueError(
+                f"name must be another than those in {compare}, which has the run {taken[0]} of "
+                f"{named}: give --name"
+            )
+        for seed, found in found_models.items():
+            models = {each: found.models[each] for each in found.models if each in wanted}
             runs.append(
                 benchmark(
                     models,
                     suite,
-                    name=name or Path(model.partition(":")[0]).stem,
+                    name=named,
                     run=seed,
                     episodes=episodes,
                     about={key: each for key, each in about.items() if each is not None},
@@ -124,9 +134,10 @@ def run(
                     progress=shown,
                 )
             )
+    with finishing():  # written first: a comparison can be repeated
+        written = [] if out is None else [path for each in runs for path in each.write(out)]
     rows = compare_benchmarks([*runs, *others], tasks=tasks) if others else []
     with finishing():
-        written = [] if out is None else [path for each in runs for path in each.write(out)]
         if as_json:
             said = {"runs": [each.as_dict() for each in runs], "compared": rows}
             print(json.dumps(said, indent=2, allow_nan=False))
@@ -134,6 +145,13 @@ def run(
             _print(runs, rows)
             print(*(f"written: {path}" for path in written), sep="\n")
     return OK
+
+
+def _refuse(options: dict[str, Any], where: str) -> None:
+    """Raise an error for an option that would have no effect."""
+    for option, value in options.items():
+        if value is not None:
+            raise ValueError(f"--{option} must be left out {where}; got {value}")
 
 
 def _print(runs: Sequence[Any], rows: Sequence[dict[str, Any]]) -> None:
@@ -171,6 +189,7 @@ def _checked(
     from npend_gym.rl.benchmarking.check import check_benchmark
     from npend_gym.rl.benchmarking.readers import NAMED, read_models
     from npend_gym.rl.benchmarking.results import read_benchmarks
+    from npend_gym.rl.benchmarking.suites import EPISODES
 
     if path.is_dir():
         raise ValueError(f"check must be a JSON file of one run, got the folder {path}")
@@ -193,6 +212,8 @@ def _checked(
     if replay.complaints:
         warn(f"npend benchmark: {path} was made by {found.record['made_by']}")
     same = "to the last bit" if replay.same_bits else "but for rounding, or within the tolerance"
+    if not found.complete:
+        warn(f"npend benchmark: {path}: fewer than {EPISODES} episodes of a task are not complete")
     if replay.accepted:
         print(f"{printable(str(path))}: accepted, its episodes are the same {same}")
     return OK if replay.accepted else FAILED

@@ -59,8 +59,8 @@ def check_benchmark(
     sha256 : mapping, optional
         Of the files of these models, which must be those of the result.
     tolerance : float
-        Share of the episodes of a task that may differ: networks round otherwise on another
-        processor, and an episode may then end otherwise.
+        Share of the episodes of a task that may differ, below 1: networks round otherwise on
+        another processor, and an episode may then end otherwise.
     progress : callable
         As for `benchmark`.
 
@@ -82,6 +82,8 @@ def check_benchmark(
     True
     """
     share = _checks.nonnegative_number("tolerance", tolerance)
+    if share >= 1.0:
+        raise ValueError(f"tolerance must be below 1, a share of the episodes, got {share:g}")
     said, complaints = found.record["model"].get("sha256"), list[str]()
     if said != (dict(sha256) if sha256 else None):
         complaints.append("the files of the models are others than in the result, by their SHA-256")

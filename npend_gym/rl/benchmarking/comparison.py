@@ -50,8 +50,8 @@ def compare_benchmarks(
     Raises
     ------
     ValueError
-        If the runs are of several suites, or two of one seed; if one has fewer episodes than
-        another; or if there is no algorithm `against`.
+        If the runs are of several suites, or two of one seed or one model; if one has fewer
+        episodes than another; or if there is no algorithm `against`.
 
     Examples
     --------
@@ -67,9 +67,17 @@ def compare_benchmarks(
     suites = {each.suite for group in groups.values() for each in group}
     if len(suites) != 1:
         raise ValueError(f"runs must be of one suite, got {', '.join(sorted(suites)) or 'none'}")
+    if len(sizes := set[int]().union(*map(_sizes, groups.values()))) > 1:
+        raise ValueError(f"runs must have as many episodes in each task, got {sorted(sizes)}")
     for name, group in groups.items():
         if len({each.run for each in group}) < len(group):
             raise ValueError(f"runs of {name} must each have their own seed, got one twice")
+        files = [each.record.get("model", {}).get("sha256") for each in group]
+        if any(files.count(each) > 1 for each in files if each):
+            raise ValueError(
+                f"runs of {name} must each have their own models, got the same files twice, by "
+                "their SHA-256: leave one of these runs out"
+            )
     other = _checks.choice("against", against or next(iter(groups)), tuple(groups))
     known = tuple(tasks_of(*suites))
     names = [_checks.choice("tasks", each, known) for each in (known if tasks is None else tasks)]
@@ -81,11 +89,13 @@ def _compared(
 ) -> dict[str, Any]:
     by_task = _scores(own, tasks)
     few = len(own) < FEW
-    units = _episodes(own, tasks) if few else by_task
+    units = np.concatenate(_episodes(own, tasks), axis=1) if few else by_task
     low, high = bootstrap_interval(units, _of_means if few else interquartile_mean)
     few_of_both = few or len(other) < FEW
-    of_units = _episodes if few_of_both else _scores
-    pair = [of_units(each, tasks) for each in (own, other)]
+    pair = [
+        np.concatenate(_episodes(each, tasks)) if few_of_both else _scores(each, tasks)
+        for each in (own, other)
+    ]
     chance = bootstrap_interval(pair[0], probability_of_improvement, others=pair[1], resamples=500)
     return {
         "name": own[0].name,
@@ -108,19 +118,21 @@ def _scores(runs: Sequence[BenchmarkRun], tasks: Sequence[str]) -> FloatArray:
     return np.array([[each.scores[task] for task in tasks] for each in runs])
 
 
-def _episodes(runs: Sequence[BenchmarkRun], tasks: Sequence[str]) -> FloatArray:
-    """Return the scores of all episodes of all runs, (episodes, tasks)."""
-    sizes = {columns["score"].size for each in runs for columns in each.episodes.values()}
-    if len(sizes) > 1:
-        raise ValueError(f"runs must have as many episodes in each task, got {sorted(sizes)}")
-    nothing: FloatArray = np.zeros(max(sizes, default=1))
+def _sizes(runs: Iterable[BenchmarkRun]) -> set[int]:
+    """Return the numbers of episodes that tasks have."""
+    return {columns["score"].size for each in runs for columns in each.episodes.values()}
+
+
+def _episodes(runs: Sequence[BenchmarkRun], tasks: Sequence[str]) -> list[FloatArray]:
+    """Return the scores of the episodes of each run, (episodes, tasks)."""
+    nothing: FloatArray = np.zeros(max(_sizes(runs), default=1))
     by_run: list[list[FloatArray]] = [
         [each.episodes[task]["score"] if task in each.episodes else nothing for task in tasks]
         for each in runs
     ]
-    return np.concatenate([np.stack(columns, axis=1) for columns in by_run])
+    return [np.stack(columns, axis=1) for columns in by_run]
 
 
 def _of_means(scores: FloatArray) -> float:
-    """Return the interquartile mean of the mean scores of all tasks."""
+    """Return the interquartile mean of the mean scores of all runs and tasks."""
     return interquartile_mean(scores.mean(axis=0, keepdims=True))

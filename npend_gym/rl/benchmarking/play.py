@@ -91,7 +91,7 @@ def benchmark(
         named = ", ".join(tasks)
         raise ValueError(
             f"model must be for tasks of the suite {suite!r}, which are {named}; got "
-            f"{_checks.show(unknown if models else models)}"
+            f"{_checks.show(unknown) if models else 'none'}"
         )
     play = _predicted if suite == "release" else _controlled
     found: dict[str, dict[str, FloatArray]] = {}

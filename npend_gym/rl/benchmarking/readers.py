@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -27,7 +28,7 @@ from npend_gym.theory import normal_modes
 
 SUFFIXES = ".safetensors", ".onnx", ".pt2", ".zip"
 NAMED = "pretrained", "reference", "random", "modes"  # models of the package
-_RUNS_CODE = (".zip",)  # pickles
+_RUNS_CODE = ".zip", ".pt2"  # pickles
 _SHIPPED = {"swingup-2-bench": "swingup-2-robust"}  # of tasks without a policy of their name
 
 
@@ -54,7 +55,7 @@ def read_model(
     algorithm : str, optional
         Class of Stable-Baselines3 or sb3-contrib that reads a .zip, such as "PPO".
     trust : bool
-        Whether a .zip may be read, which can run any code.
+        Whether a .zip or .pt2 may be read, which can run any code.
 
     Returns
     -------
@@ -63,7 +64,8 @@ def read_model(
     Raises
     ------
     ValueError
-        If there is no such model, or it must be trusted first.
+        If there is no such model, if it is damaged or of another library, or if it must be trusted
+        first.
     ImportError
         If the library that reads it is missing.
 
@@ -90,11 +92,16 @@ def read_model(
         )
     if file.suffix == ".safetensors":
         return Policy.load(file, trust=trust)
-    if file.suffix == ".onnx":
-        return OnnxModel(file)
-    if file.suffix == ".pt2":
-        return _exported(file)
-    return _of_sb3(file, algorithm, env)
+    kind = _class_of_sb3(algorithm) if file.suffix == ".zip" else None
+    try:
+        if kind is not None:
+            return _of_sb3(file, kind, env)
+        return OnnxModel(file) if file.suffix == ".onnx" else _exported(file)
+    except (ImportError, ValueError):
+        raise
+    except Exception as error:  # of other libraries, whose classes have no common base
+        wanted = f"a model of {algorithm}" if kind else "a network that its library reads"
+        raise ValueError(f"{file} must be {wanted}, got {type(error).__name__}: {error}") from error
 
 
 def _imported(module: str, name: str) -> Any:
@@ -121,19 +128,24 @@ def _exported(file: Path) -> Any:
     return module
 
 
-def _of_sb3(file: Path, algorithm: str | None, env: Any) -> Any:
-    """Return a model of Stable-Baselines3, with the statistics of a VecNormalize beside it."""
+def _class_of_sb3(algorithm: str | None) -> Any:
+    """Return a class of Stable-Baselines3 or sb3-contrib."""
     found = [
         getattr(importlib.import_module(package), algorithm or "", None)
         for package in ("stable_baselines3", "sb3_contrib")
         if importlib.util.find_spec(package)
     ]
-    kind = next((each for each in found if each is not None), None)
+    kind = next((each for each in found if isinstance(each, type)), None)
     if kind is None:
         raise ValueError(
             "algorithm must be a class of Stable-Baselines3 or sb3-contrib, installed, such as "
             f"PPO; got {algorithm!r}: give --algorithm"
         )
+    return kind
+
+
+def _of_sb3(file: Path, kind: Any, env: Any) -> Any:
+    """Return a model of Stable-Baselines3, with the statistics of a VecNormalize beside it."""
     statistics, venv = file.with_suffix(".pkl"), None
     if statistics.exists():
         if env is None:
@@ -272,10 +284,15 @@ def read_models(
         } or {0: _of_files(sorted(folder.iterdir()), tasks, read, folder)}
     if folder.is_file():
         return {0: _of_files([folder], tasks, read, folder)}
-    function = read(source)
-    if isinstance(function, Mapping):
-        return {0: RunModels(dict(cast("Mapping[str, Any]", function)), {"from": source})}
-    return {0: RunModels(dict.fromkeys(tasks, function), {"from": source})}
+    function, own = read(source), {"from": source}
+    module = Path(source.rpartition(":")[0])
+    if module.suffix == ".py":
+        own["sha256"] = {module.name: _files.sha256(module)}
+    is_mapping = isinstance(function, Mapping)
+    given = (
+        dict(cast("Mapping[str, Any]", function)) if is_mapping else dict.fromkeys(tasks, function)
+    )
+    return {0: RunModels(given, own)}
 
 
 def _of_files(
@@ -283,9 +300,11 @@ def _of_files(
 ) -> RunModels:
     """Return the models in files whose names are those of the tasks."""
     own = [file for file in files if file.stem in tasks]
-    models = {
-        file.stem: read(file, tasks[file.stem].env) for file in own if file.suffix in SUFFIXES
-    }
+    found = [file for file in own if file.suffix in SUFFIXES]
+    for file, other in pairwise(found):
+        if file.stem == other.stem:
+            raise ValueError(f"model must have one file for {file.stem}, got {file} and {other}")
+    models = {file.stem: read(file, tasks[file.stem].env) for file in found}
     if not models:
         raise ValueError(
             f"model must have a file for a task, {', '.join(tasks)}, that ends in "

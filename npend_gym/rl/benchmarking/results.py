@@ -191,9 +191,9 @@ def _read(path: Path) -> BenchmarkRun:
 def _record(said: Mapping[str, Any]) -> dict[str, Any]:
     """Return the record of a file, which tables and checks read."""
     record = {key: said[key] for key in ("model", "about", "made_by")}
-    model, about = record["model"], record["about"]
-    if not (isinstance(model, dict) and isinstance(about, dict)):
-        raise ValueError("model and about must be objects, names and values")
+    model, about, made_by = record["model"], record["about"], record["made_by"]
+    if not (isinstance(model, dict) and isinstance(about, dict) and isinstance(made_by, str)):
+        raise ValueError("model and about must be objects, names and values, and made_by a text")
     check_about(cast("Mapping[str, Any]", about))
     return record
 
@@ -254,6 +254,10 @@ def _parse(table: str, suite: str) -> dict[str, dict[str, FloatArray]]:
     found: dict[str, dict[str, FloatArray]] = {}
     for task, own in parts.items():
         numbers = np.array(own).T
+        if len(own) > EPISODES:
+            raise ValueError(
+                f"its CSV must have at most {EPISODES} episodes of a task, got {len(own)} of {task}"
+            )
         if not np.isfinite(numbers[[0, 1, 3]]).all() or ((numbers[0] < 0) | (numbers[0] > 1)).any():
             raise ValueError(f"its CSV must have finite numbers, and scores from 0 to 1, in {task}")
         found[task] = dict(zip(COLUMNS, numbers, strict=True))

@@ -238,11 +238,12 @@ class Network:
                 each.training = False
             with torch.no_grad(), _most_likely(module):
                 found: Any = module(torch.as_tensor(observation).to(like))
-        except RuntimeError as error:
+        except (RuntimeError, AssertionError) as error:  # that of a program with one batch size
             raise ValueError(
                 "model must take observations of the environment, of the shape "
                 f"{np.shape(observation)}, got an error from the module: {error}. Give the "
-                'keywords of its training, such as {"id": ..., "n": 1}'
+                'keywords of its training, such as {"id": ..., "n": 1}; a program must take any '
+                "number of observations"
             ) from error
         finally:
             for each in training:
