@@ -236,6 +236,16 @@ def test_curricula_say_what_is_wrong():
         Curriculum(gym.make("CartPole-v1"), LEVELS)
     with pytest.raises(ValueError, match=r"the level of state must be .* 1"):
         Curriculum(env, LEVELS).load_state_dict({"level": 2, "outcomes": []})
+    for state, error, message in (
+        ({}, ValueError, "state must have level and outcomes, as state_dict returns them"),
+        (None, ValueError, "state must have level and outcomes"),
+        ({"level": 1, "outcomes": 5}, TypeError, "the outcomes of state must be a list"),
+        ({"level": 1, "outcomes": [5]}, TypeError, "each of the outcomes of state must be True or"),
+    ):
+        wrapper = Curriculum(env, LEVELS)
+        with pytest.raises(error, match=message):
+            wrapper.load_state_dict(state)
+        assert wrapper.state_dict() == {"level": 0, "outcomes": []}
 
 
 def test_a_curriculum_is_evaluated_in_the_environment_as_made():

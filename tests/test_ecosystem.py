@@ -135,6 +135,9 @@ def test_data_sets_that_exist_or_cannot_be_made_or_cloned_are_refused(
         (("swingup-9",), "task must be one of"),
         (("calm-1", "--kind", "robust"), "task must be one of calm-2"),
         (("swingup-2", "--seed", 900_000), "seed must be between 0 and 899900"),
+        (("swingup-2", "--episodes", 900_001), "episodes must be between 1 and 900000"),
+        (("calm-1", "--plans", "a.npz"), "plans must be left out but for the kind 'plans' of a"),
+        (("calm-1", "--kind", "plans"), "task must be a swing-up or a transition for the kind"),
     ):
         with pytest.raises(SystemExit):
             main(["dataset", *map(str, words)])

@@ -21,7 +21,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from npend_gym.cli.common import FAILED, OK, finishing, prepare_results, progress, warn
+from npend_gym.cli.common import (
+    FAILED,
+    OK,
+    finishing,
+    prepare_results,
+    progress,
+    refuse_unused,
+    warn,
+)
 
 
 def run(
@@ -81,15 +89,21 @@ def run(
     from npend_gym.rl.benchmarking.results import read_benchmarks
     from npend_gym.rl.benchmarking.suites import EPISODES, SUITES
 
-    played = {"name": name, "env-steps": env_steps, "by": by, "episodes": episodes, "out": out}
+    played: dict[str, Any] = {
+        "--name": name,
+        "--env-steps": env_steps,
+        "--by": by,
+        "--episodes": episodes,
+    }
+    played["--out"] = out
     if check is not None:
-        chosen = {"suite": suite, "compare": compare, "tasks": tasks, "json": as_json or None}
-        _refuse(played | chosen, "with --check")
+        chosen = {"--suite": suite, "--compare": compare, "--tasks": tasks, "--json": as_json}
+        refuse_unused(played | chosen, "with --check")
     else:
-        _refuse({"tolerance": tolerance}, "without --check")
+        refuse_unused({"--tolerance": tolerance}, "without --check")
     if model is None:
-        read = {"algorithm": algorithm, "trust": trust or None}
-        _refuse(read if check is not None else played | read, "without a model")
+        read = {"--algorithm": algorithm, "--trust": trust}
+        refuse_unused(read if check is not None else played | read, "without a model")
     if check is not None:
         return _checked(check, model, algorithm, trust=trust, tolerance=tolerance or 0.0)
     if model is None and compare is None:
@@ -145,13 +159,6 @@ def run(
             _print(runs, rows)
             print(*(f"written: {path}" for path in written), sep="\n")
     return OK
-
-
-def _refuse(options: dict[str, Any], where: str) -> None:
-    """Raise an error for an option that would have no effect."""
-    for option, value in options.items():
-        if value is not None:
-            raise ValueError(f"--{option} must be left out {where}; got {value}")
 
 
 def _print(runs: Sequence[Any], rows: Sequence[dict[str, Any]]) -> None:

@@ -32,11 +32,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, printable, warn
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, printable, refuse_unused, warn
+from npend_gym.cli.options import spelled
 
 if TYPE_CHECKING:
     from npend_gym.experiments import Campaign
 
+_SHARDS = 16
 FILLS = {"npend_gym.experiments.studies.release_plan:CampaignPlan": ()}
 
 
@@ -46,14 +48,14 @@ def run(
     out: Path | str | None = None,
     study: str | None = None,
     settings: Sequence[tuple[str, Any]] = (),
-    backend: str = "loky",
+    backend: str | None = None,
     address: str | None = None,
     workers: int | None = None,
     shard: str | None = None,
     status: Path | str | None = None,
     merge: Path | str | None = None,
     slurm: bool = False,
-    shards: int = 16,
+    shards: int | None = None,
     dry_run: bool = False,
     **values: Any,
 ) -> int:
@@ -69,8 +71,8 @@ def run(
         What is done in a trial (default release), also module:function.
     settings : setting, optional
         A parameter of another study than release; a list is swept, and it may be repeated.
-    backend : name
-        Local processes (loky), local threads (threading), or a cluster (ray, dask).
+    backend : name, optional
+        Local processes (loky, the default), local threads (threading), or a cluster (ray, dask).
     address : address, optional
         Address of a running Ray or Dask cluster (default: one is started on this machine).
     workers : int, optional
@@ -83,8 +85,8 @@ def run(
         Write each table of the campaign in this folder, which must be complete, as one file.
     slurm : bool
         Run nothing: write the plan into the folder, and print an array job of Slurm.
-    shards : int
-        Number of tasks of the array job.
+    shards : int, optional
+        Number of tasks of the array job (default 16).
     dry_run : bool
         Write nothing: print the number of releases and tasks, and about how long they take.
     """
@@ -95,15 +97,20 @@ def run(
 
     if status is not None and merge is not None:
         raise ValueError("--merge must be left out with --status")
+    other = {"--shard": shard, "--dry-run": dry_run, "--address": address, "--backend": backend}
     if status is not None or merge is not None:
-        beside = {"plan": plan, "out": out, "study": study, "shard": shard, **values}
-        for name in (name for name, value in beside.items() if value is not None):
-            raise ValueError(
-                f"{name} must be left out with --status and --merge, which name a folder"
-            )
+        beside = {"PLAN": plan, "--out": out, "--study": study, "--set": settings} | other
+        beside |= {"--slurm": slurm, "--shards": shards, "--workers": workers}
+        beside |= {spelled(name): value for name, value in values.items()}
+        refuse_unused(beside, "with --status and --merge, which name a folder")
         return _look(status, merge)
+    if slurm:
+        refuse_unused(other, "with --slurm")
+    else:
+        refuse_unused({"--shards": shards}, "without --slurm")
     if out is None:
         raise ValueError("--out must be given: the folder of the results")
+    backend = backend or "loky"
     check_workers(backend, workers, address)
     given: dict[str, Any] = values if plan is None else read_plan_file(plan) | values
     if study is not None:
@@ -124,7 +131,7 @@ def run(
         from npend_gym.experiments.campaign.slurm import array_job
 
         with campaign:
-            print(array_job(campaign, shards, workers or 1), end="")
+            print(array_job(campaign, _SHARDS if shards is None else shards, workers or 1), end="")
         return OK
     with campaign:
         return _run(campaign, (backend, workers, address))

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -65,6 +65,13 @@ class Parser(argparse.ArgumentParser):
         self.error(f"unrecognized arguments: {' '.join(unknown)}; {guess}See {self.prog} --help")
 
 
+def refuse_unused(options: Mapping[str, Any], where: str) -> None:
+    """Raise an error for the first option, by its name, that is given and would do nothing."""
+    for name, value in options.items():
+        if value is not None and value is not False and value != ():
+            raise ValueError(f"{name} must be left out {where}; got {value}")
+
+
 def printable(text: str) -> str:
     """Return `text` with control characters escaped: those in a file's name, for example."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
@@ -105,7 +112,7 @@ def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dic
             code = run(options)
         sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
     except (ValueError, TypeError) as error:
-        command.error(str(error))
+        command.error(str(error).replace("n_values", "--n"))  # named as the option
     except (ImportError, OSError, RuntimeError, KeyboardInterrupt) as error:
         if _is_interrupt(error):
             warn(f"{command.prog}: interrupted")

@@ -51,6 +51,29 @@ _ANGLES = {
 _ENTRY = re.compile(r"^([\w*, ]+?) : (.+)\n((?: {4}.*\n|\n)+)", re.MULTILINE)
 
 
+class _Settings(argparse.Action):
+    """Collects NAME=VALUE; a name that comes again raises an error."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        """Keep one more."""
+        del parser, option_string
+        given: list[tuple[str, Any]] = getattr(namespace, self.dest, [])
+        if values[0] in dict(given):
+            raise argparse.ArgumentError(self, f"must have each name once, got {values[0]} twice")
+        setattr(namespace, self.dest, [*given, values])
+
+
+class _List(argparse.Action):
+    """Stores a list; an option that comes again raises an error, and does not replace it."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        """Store the values."""
+        del parser, option_string
+        if hasattr(namespace, self.dest):  # it has no default
+            raise argparse.ArgumentError(self, "must be given once: join its values by commas")
+        setattr(namespace, self.dest, values)
+
+
 class _Parameter(NamedTuple):
     """A parameter of a function, or a field of a class."""
 
@@ -103,7 +126,9 @@ def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
         word = (unit[1].replace(" ", "") if unit else noun).upper()
         about["metavar"] = placeholder.replace("X", word)
     if about.get("type") is values.setting:
-        about["action"] = "append"
+        about["action"] = _Settings
+    elif by_keyword and ",..." in about.get("metavar", ""):
+        about["action"] = _List
     if by_keyword:
         short = [_SHORT[option]] if option in _SHORT else []
         parser.add_argument(*short, option, dest=name, required=default is None, **about)

@@ -87,9 +87,17 @@ class Levels:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from a state of `state_dict`; the episodes that begin later have its level."""
+        given: Any = state
+        if not isinstance(given, Mapping) or not {"level", "outcomes"} <= given.keys():
+            raise ValueError(
+                "state must have level and outcomes, as state_dict returns them, got "
+                f"{_checks.show(given)}"  # pyright: ignore[reportUnknownArgumentType]
+            )
         last = len(self.levels) - 1
-        self.level = _checks.count("the level of state", state["level"], low=0, high=last)
-        self.outcomes = deque(state["outcomes"], maxlen=self.episodes)
+        level = _checks.count("the level of state", state["level"], low=0, high=last)
+        listed = _checks.listed("the outcomes of state", state["outcomes"], "[True, False]")
+        outcomes = [_checks.truth("each of the outcomes of state", each) for each in listed]
+        self.level, self.outcomes = level, deque(outcomes, maxlen=self.episodes)
         if self._has_begun:
             self.env.unwrapped.set_options(self.levels[self.level])
 

@@ -53,6 +53,11 @@ def source_of(
 ) -> Source:
     """Return the source of the actions of a kind of data set; see `npend dataset`."""
     _checks.choice("kind", kind, KINDS)
+    if plans is not None and (kind != "plans" or not task.startswith("transition")):
+        raise ValueError(
+            "plans must be left out but for the kind 'plans' of a transition, got the kind "
+            f"{kind!r} of {task!r}"
+        )
     mode, _, n = task.partition("-")
     if mode == "release" and n.isdecimal() and int(n) > 0:
         if kind != "free":
@@ -93,6 +98,11 @@ def _planned(
 ) -> Source:
     """Return the plans of a task, tracked by feedback."""
     text = "Planned motions, tracked by feedback."
+    if env["mode"] not in ("swingup", "transition"):
+        raise ValueError(
+            "task must be a swing-up or a transition for the kind 'plans', such as swingup-2; got "
+            f"the mode {env['mode']!r}"
+        )
     if not MODES[env["mode"]].has_goals:
         return Source(reference_controller("plan", env, progress), env, 0.0, text)
     env |= {"observation": "angles", "max_episode_steps": 400}
@@ -194,7 +204,7 @@ def write_dataset(
         ...
     ValueError: episodes must be at least 1, got 0
     """
-    _checks.count("episodes", episodes)
+    _checks.count("episodes", episodes, high=VALIDATION)
     _checks.count("seed", seed, low=0, high=VALIDATION - episodes)
     try:
         minari: Any = import_module("minari")
