@@ -1,8 +1,8 @@
 """What the public ids are: spaces, starts, and what a few steps show, in tests/public_ids.json.
 
 `python tests/public_ids.py` adds ids that the file lacks. It changes none that is there: who
-changes the reward, the start or the observation of an id registers the next version, such as
-"npend/SwingUp-v2", and leaves the old one as it is. See docs/howto/benchmark.md.
+changes the reward, the success, the start or the observation of an id registers the next version,
+such as "npend/SwingUp-v2", and leaves the old one as it is. See docs/howto/benchmark.md.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import gymnasium as gym
 import numpy as np
 
 import npend_gym  # noqa: F401  registers the environments
+from npend_gym.envs import Quantities
 from npend_gym.envs.registration import TASKS
 
 FILE = Path(__file__).with_suffix(".json")
-STEPS, DIGITS = 8, 5
+STEPS, DIGITS, COUNT = 8, 5, 200
 STARTS = {  # seed, and angles from upright [rad] where a task would start elsewhere
     "seed 0": (0, None), "seed 1000000": (1_000_000, None), "near upright": (0, 0.08),
 }  # fmt: skip
@@ -35,6 +36,7 @@ def described(env_id: str) -> dict[str, Any]:
         "dt": env.unwrapped.config.dt,
     }
     n = env.unwrapped.config.n
+    said["success"] = success_of(env.unwrapped.config)
     discrete = isinstance(env.action_space, gym.spaces.Discrete)
     for name, (seed, lean) in STARTS.items():
         standing = None if lean is None else {"theta": np.pi - lean * (1.0 + np.arange(n))}
@@ -53,6 +55,18 @@ def described(env_id: str) -> dict[str, Any]:
         }
     env.close()
     return said
+
+
+def success_of(config: Any) -> str:
+    """Return for how long the goal must hold, and whether drawn quantities meet it, as 0 or 1."""
+    rng = np.random.default_rng(0)
+    names = Quantities.__annotations__
+    drawn = {name: 3.0 * rng.random(COUNT) ** 4 for name in names}  # many are small
+    drawn |= {name: 1.0 - drawn[name] for name in ("height", "tip", "uprightness")}
+    turned, drawn["omega"] = rng.normal(size=(2, COUNT, config.n))
+    drawn["theta"] = np.pi + turned
+    met = np.broadcast_to(config.mode.achieved(Quantities(**drawn)), COUNT)
+    return f"{config.mode.hold:g} s: " + "".join("01"[bool(each)] for each in met)
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from npend_gym import Chain
 from npend_gym.chain import as_chain
-from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv
+from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv, SwingUp
 from npend_gym.envs.keywords import DEFAULTS
 from npend_gym.envs.modes import find_mode
 from npend_gym.envs.registration import ENV_ID, MAX_EPISODE_STEPS, TASKS
@@ -151,6 +151,17 @@ def test_another_reward_start_motor_chain_or_observation_is_another_id(change, m
     make = gym.make
     monkeypatch.setattr(gym, "make", lambda env_id: make(env_id, **change))
     with pytest.raises(AssertionError):
+        test_the_rewards_starts_and_observations_of_an_id_stay_as_they_are_or_it_gets_a_new_version(
+            "npend/SwingUp-v1"
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("hold", 4.0), ("achieved", lambda _, given: given.height > 0.95)]
+)
+def test_another_success_is_another_id(name, value, monkeypatch):
+    monkeypatch.setattr(SwingUp, name, value)
+    with pytest.raises(AssertionError, match="success"):
         test_the_rewards_starts_and_observations_of_an_id_stay_as_they_are_or_it_gets_a_new_version(
             "npend/SwingUp-v1"
         )
