@@ -312,6 +312,12 @@ def test_padded_actions_reach_the_motors_that_there_are():
             PadRods(NPendulumEnv(n=2, **keywords), 2, actuated=(0,))
     with pytest.raises(ValueError, match="n_max must be at least the number of rods, 2, got 1"):
         PadRods(NPendulumEnv(n=2), 1)
+    for inner, pad in (
+        (NPendulumEnv(n=1), PadRods),
+        (gym.make_vec("npend/SwingUp-v1", num_envs=2, n=1), VectorPadRods),
+    ):
+        with pytest.raises(ValueError, match="env must have observations of the shape"):
+            pad(pad(inner, 2), 3)
 
 
 def test_a_mask_that_is_none_resets_all_at_the_present_level():
@@ -381,6 +387,10 @@ def test_joined_environments_must_fit_each_other():
         JoinedVectorEnv(envs)
     with pytest.raises(ValueError, match="envs must have at least one"):
         JoinedVectorEnv([])
+    with pytest.raises(ValueError, match="envs must be different environments, got one twice"):
+        JoinedVectorEnv([VectorPadRods(envs[0], 2) for _ in range(2)])
+    with pytest.raises(TypeError, match="envs must be a list such as"):
+        JoinedVectorEnv(None)
     envs = [joined(mode, lengths=(1,)) for mode in ("SAME_STEP", "DISABLED")]
     with pytest.raises(ValueError, match="envs must have one autoreset mode"):
         JoinedVectorEnv(envs)

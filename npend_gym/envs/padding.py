@@ -235,7 +235,7 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
     Raises
     ------
     TypeError, ValueError
-        If the spaces or the autoreset modes differ, or one is no vector environment.
+        If the spaces or the autoreset modes differ, one comes twice or is no vector environment.
 
     Examples
     --------
@@ -250,9 +250,13 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
     """
 
     def __init__(self, envs: Sequence[Any]) -> None:
-        self.envs: list[Any] = [*envs]
+        self.envs: list[Any] = _checks.listed("envs", envs, "[envs, other_envs]")
         if not self.envs:
             raise ValueError("envs must have at least one vector environment, got none")
+        if len({id(getattr(each, "unwrapped", each)) for each in self.envs}) < len(self.envs):
+            raise ValueError(
+                "envs must be different environments, got one twice: make one for each"
+            )
         first = self.envs[0]
         for each in self.envs:
             if not hasattr(each, "single_action_space"):
