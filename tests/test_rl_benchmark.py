@@ -243,6 +243,17 @@ def test_a_check_plays_again_and_finds_the_forged_episode(shipped, tmp_path):
         rl.check_benchmark(read, policies, tolerance=1.0)  # with which anything is accepted
 
 
+def test_a_check_allows_for_rounding_where_hardly_any_work_is_done(shipped):
+    policies, found = shipped
+    for error, accepted in ((5e-7, True), (5e-5, False)):  # [J], of about 0.003 J
+        episodes = {task: dict(columns) for task, columns in found.episodes.items()}
+        episodes["balance-1-cart"]["motor_work"] = found.episodes["balance-1-cart"][
+            "motor_work"
+        ] + np.array([0.0, error, 0.0])
+        other = rl.BenchmarkRun(found.name, found.suite, found.run, episodes, found.record)
+        assert rl.check_benchmark(other, policies).accepted is accepted
+
+
 def test_a_check_takes_the_models_of_the_result_alone(shipped):
     policies, found = shipped
     swapped = policies | {"swingup-1": rl.Policy.pretrained("swingup-1-robust")}

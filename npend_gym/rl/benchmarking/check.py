@@ -13,7 +13,7 @@ from npend_gym.rl.benchmarking.play import benchmark
 from npend_gym.rl.benchmarking.results import BenchmarkRun
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 
-_ROUNDING = 1e-6  # of a return, relative, by which processors may differ
+_ROUNDING = 1e-6  # by which processors may differ: relative, of numbers below 1 absolute
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def check_benchmark(
         same &= all(np.array_equal(kept[c], columns[c], equal_nan=True) for c in columns)
         wrong = np.zeros(kept["score"].size, np.bool_)
         for name, values in columns.items():
-            near = np.isclose(kept[name], values, rtol=_ROUNDING, atol=1e-9, equal_nan=True)
+            near = np.isclose(kept[name], values, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
             wrong |= ~near
         if wrong.any():
             differing[task] = (np.flatnonzero(wrong) + HELD_OUT).tolist()
