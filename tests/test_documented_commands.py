@@ -142,10 +142,13 @@ COMMANDS = in_blocks()
 
 
 def shorter(words):
-    """Return the words with the options that stand for them in SHORTER."""
+    """Return the words with the options that stand for them in SHORTER, which replace settings."""
     line = " ".join(words)
-    added = [more.split() for start, more in SHORTER.items() if line.startswith(start)]
-    return words + (added or [[]])[0]
+    added = next((more.split() for start, more in SHORTER.items() if line.startswith(start)), [])
+    names = {word.partition("=")[0] for word in added if "=" in word}
+    own = [k for k, word in enumerate(words) if word.partition("=")[0] in names]
+    dropped = {*own, *(k - 1 for k in own)}  # "--set", "name=value"
+    return [word for k, word in enumerate(words) if k not in dropped] + added
 
 
 @pytest.mark.long

@@ -202,7 +202,7 @@ def write_dataset(
     >>> rl.write_dataset("swingup-1", episodes=0)
     Traceback (most recent call last):
         ...
-    ValueError: episodes must be at least 1, got 0
+    ValueError: episodes must be between 1 and 900000, got 0
     """
     _checks.count("episodes", episodes, high=VALIDATION)
     _checks.count("seed", seed, low=0, high=VALIDATION - episodes)
