@@ -1,3 +1,5 @@
+import os
+import platform
 from dataclasses import replace
 from functools import partial
 
@@ -5,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from policy_files import random_policy, small_policy
+from scripts import run_python
 
 from npend_gym import Chain, rl
 from npend_gym.envs import EnvConfig, NPendulumEnv
@@ -54,6 +57,40 @@ def test_nothing_else_changes_the_numbers_of_a_policy():
     assert own == policy
     with pytest.raises(ValueError, match="read-only"):
         own.weights[0][:] = 0.0
+
+
+def test_actions_do_not_depend_on_how_many_are_asked_for_at_once():
+    policy, rng = Policy.pretrained("swingup-6"), np.random.default_rng(0)
+    observations = rng.normal(size=(2000, policy.observed)).astype(np.float32)
+    together = policy(observations)
+    for size in (1, 3, 64):
+        parts = [policy(observations[k : k + size]) for k in range(0, 2000, size)]
+        np.testing.assert_array_equal(np.concatenate(parts), together)
+
+
+_DIGESTS = """
+import hashlib
+import numpy as np
+from npend_gym.rl import Policy
+
+policy, rng = Policy.pretrained("swingup-6"), np.random.default_rng(0)
+seen = rng.normal(size=(20000, policy.observed)).astype(np.float32)
+for values in policy(seen), seen @ policy.weights[0].T:
+    print(hashlib.sha256(values.tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="kernels of x86-64")
+def test_actions_have_the_same_bits_where_a_processor_sums_in_another_order():
+    """OpenBLAS takes the kernels of the processor that is named; products in float32 differ."""
+    kinds = "Prescott", "Haswell"
+    printed = [
+        run_python("-c", _DIGESTS, env=os.environ | {"OPENBLAS_CORETYPE": kind}).split()
+        for kind in kinds
+    ]
+    (actions, others), (products, other_products) = zip(*printed, strict=True)
+    assert actions == others
+    assert products != other_products
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

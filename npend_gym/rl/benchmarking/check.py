@@ -59,8 +59,8 @@ def check_benchmark(
     sha256 : mapping, optional
         Of the files of these models, which must be those of the result.
     tolerance : float
-        Share of the episodes of a task that may differ, below 1: networks round otherwise on
-        another processor, and an episode may then end otherwise.
+        Share of the episodes of a task that may differ, below 1: other networks than a `Policy`
+        round otherwise on another processor, and an episode may then end otherwise.
     progress : callable
         As for `benchmark`.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym._extras import require
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.policies.checks import (
@@ -186,7 +187,7 @@ class Policy:
         Returns
         -------
         ndarray, float32, shape (..., joints)
-            Its last bits depend on the machine and on B, because those of matrix products do.
+            Rounded from sums in float64, so that the order of a processor's sums hardly ever shows.
 
         Raises
         ------
@@ -262,18 +263,30 @@ class Policy:
 
         return EnvConfig(**self.env)
 
-    def _scaled(self, observed: Float32Array) -> Float32Array:
+    @cached_property
+    def _layers(self) -> list[tuple[FloatArray, FloatArray]]:
+        pairs = zip(self.weights, self.biases, strict=True)
+        return [(weight.T.astype(np.float64), bias.astype(np.float64)) for weight, bias in pairs]
+
+    def _scaled(self, observed: Float32Array) -> FloatArray:
         """Inputs of the network."""
-        signal = (observed if self.offset is None else observed - self.offset) / self.scale
+        shown = observed.astype(np.float64)
+        signal = (shown if self.offset is None else shown - self.offset) / self.scale
         return signal if self.limit == math.inf else np.clip(signal, -self.limit, self.limit)
 
-    def _act(self, signal: Float32Array) -> Float32Array:
-        """Return the actions for what the network is given."""
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            signal = signal @ weight.T + bias
+    def _act(self, signal: FloatArray) -> Float32Array:
+        """Return the actions for what the network is given.
+
+        Sums in float64 are rounded to float32. So it hardly ever shows in which order a processor
+        sums, which depends on its kind, the number of threads and of environments.
+        """
+        *hidden, last = self._layers
+        for weight, bias in hidden:
+            signal = signal @ weight + bias
             signal = np.tanh(signal) if self.activation == "tanh" else np.maximum(signal, 0.0)
-        mean = signal @ self.weights[-1].T + self.biases[-1]
-        return np.tanh(mean) if self.output == "tanh" else np.clip(mean, -1.0, 1.0)
+        mean = signal @ last[0] + last[1]
+        action = np.tanh(mean) if self.output == "tanh" else np.clip(mean, -1.0, 1.0)
+        return action.astype(np.float32)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the policy to a file: numbers, `env` and `provenance`.
