@@ -53,7 +53,7 @@ def check(library, policy, states, rounded, **options):
 ])  # fmt: skip
 def test_c_observes_and_acts_as_python_does_in_many_states(name, compiler, tmp_path):
     policy = Policy.pretrained(name)
-    # balance-5-cart multiplies angles by 1300; NumPy's products differ between processors
+    # balance-5-cart multiplies angles by 1300
     rounded = {"balance-5-cart": 1e-4, "swingup-3-robust": 3e-5, "swingup-5": 5e-5}.get(name, 1e-5)
     states = draw(policy.config, 1000, 20 if name == "swingup-3-robust" else 100)
     check(compiled(policy, tmp_path, compiler), policy, states, rounded)
@@ -69,7 +69,7 @@ def test_c_observes_and_acts_as_python_does_in_many_states(name, compiler, tmp_p
 @pytest.mark.parametrize("relative", [False, True])
 def test_whatever_a_policy_observes_and_computes_is_in_the_header(policy, relative, tmp_path):
     library = compiled(policy, tmp_path, relative=relative)
-    check(library, policy, draw(policy.config, 200, 20), 1e-5, relative=relative)
+    check(library, policy, draw(policy.config, 200, 20), 3e-5, relative=relative)
 
 
 @pytest.mark.parametrize(

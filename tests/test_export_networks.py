@@ -80,8 +80,7 @@ def test_files_act_as_the_policy_does(name, loaded, file, tmp_path):
     (exact, bound), (meant, _) = (in_float64(policy, observations, a) for a in (actions, ours))
     assert actions.dtype == np.float32
     assert (abs(actions - exact) <= bound).all()
-    # The order of sums differs between libraries and processors; networks magnify what is rounded
-    assert abs(actions - exact).max() <= 3.0 * abs(ours - meant).max()
+    assert abs(ours - meant).max() <= 2.0**-25  # rounded once, from float64
 
 
 @pytest.mark.parametrize(("loaded", "file"), FORMATS)
