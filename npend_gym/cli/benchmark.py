@@ -90,24 +90,20 @@ def run(
     from npend_gym.rl.benchmarking.suites import EPISODES, SUITES
 
     played: dict[str, Any] = {
-        "--name": name,
-        "--env-steps": env_steps,
-        "--by": by,
-        "--episodes": episodes,
-    }
-    played["--out"] = out
+        "--name": name, "--env-steps": env_steps, "--by": by, "--episodes": episodes, "--out": out,
+    }  # fmt: skip
+    read = {"--algorithm": algorithm, "--trust": trust}
     if check is not None:
         chosen = {"--suite": suite, "--compare": compare, "--tasks": tasks, "--json": as_json}
         refuse_unused(played | chosen, "with --check")
-    else:
-        refuse_unused({"--tolerance": tolerance}, "without --check")
-    if model is None:
-        read = {"--algorithm": algorithm, "--trust": trust}
-        refuse_unused(read if check is not None else played | read, "without a model")
-    if check is not None:
+        if model is None:
+            refuse_unused(read, "without a model")
         return _checked(check, model, algorithm, trust=trust, tolerance=tolerance or 0.0)
-    if model is None and compare is None:
-        raise ValueError("give a model, --compare or --check")
+    refuse_unused({"--tolerance": tolerance}, "without --check")
+    if model is None:
+        refuse_unused(played | read, "without a model")
+        if compare is None:
+            raise ValueError("give a model, --compare or --check")
     suite, episodes = suite or "core", EPISODES if episodes is None else episodes
     for each in tasks or ():
         _checks.choice("tasks", each, tuple(SUITES[suite]))

@@ -99,7 +99,7 @@ def run(
         raise ValueError("--merge must be left out with --status")
     other = {"--shard": shard, "--dry-run": dry_run, "--address": address, "--backend": backend}
     if status is not None or merge is not None:
-        beside = {"PLAN": plan, "--out": out, "--study": study, "--set": settings} | other
+        beside = {"PLAN": plan, "--out": out, "--study": study, "--set": settings or None} | other
         beside |= {"--slurm": slurm, "--shards": shards, "--workers": workers}
         beside |= {spelled(name): value for name, value in values.items()}
         refuse_unused(beside, "with --status and --merge, which name a folder")

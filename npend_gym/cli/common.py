@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from npend_gym import _interrupts
+from npend_gym.cli.options import with_options
 
 _T = TypeVar("_T")
 
@@ -68,7 +69,7 @@ class Parser(argparse.ArgumentParser):
 def refuse_unused(options: Mapping[str, Any], where: str) -> None:
     """Raise an error for the first option, by its name, that is given and would do nothing."""
     for name, value in options.items():
-        if value is not None and value is not False and value != ():
+        if value is not None and value is not False:
             raise ValueError(f"{name} must be left out {where}; got {value}")
 
 
@@ -112,7 +113,7 @@ def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dic
             code = run(options)
         sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
     except (ValueError, TypeError) as error:
-        command.error(str(error).replace("n_values", "--n"))  # named as the option
+        command.error(with_options(str(error)))
     except (ImportError, OSError, RuntimeError, KeyboardInterrupt) as error:
         if _is_interrupt(error):
             warn(f"{command.prog}: interrupted")

@@ -107,6 +107,13 @@ def spelled(name: str) -> str:
     return f"--{_SPELLED.get(name, name)}".replace("_", "-")
 
 
+def with_options(message: str) -> str:
+    """Return a message with the options of parameters whose names are no words."""
+    for name in _SPELLED:
+        message = message.replace(name, spelled(name)) if "_" in name else message
+    return message
+
+
 def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
     option, (name, kind, default, by_keyword, noun, text) = spelled(parameter.name), parameter
     shown = f" (default {default})" if default and "default" not in text else ""

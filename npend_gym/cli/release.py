@@ -29,6 +29,7 @@ from npend_gym.cli.common import (
     finishing,
     prepare_results,
     progress,
+    refuse_unused,
     show_file,
     show_written,
     warn,
@@ -69,10 +70,9 @@ def run(
 
     runs: list[Run] = []
     interrupted = False
-    if results is not None and release:
-        option = spelled(next(iter(release)))
-        raise ValueError(f"{option} must be left out with results, which have their own")
     if results is not None:
+        given = {spelled(name): value for name, value in release.items()}
+        refuse_unused(given, "with results, which have their own")
         experiment, runs = report.read(results)
         if len(runs) < (planned := len(experiment.runs())):
             warn(f"{results} has {len(runs)} of {planned} releases: the run was interrupted")

@@ -25,7 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import OK, progress, show_file
+from npend_gym.cli.common import OK, progress, refuse_unused, show_file
 from npend_gym.cli.options import spelled
 
 if TYPE_CHECKING:
@@ -102,10 +102,9 @@ def run(
     from npend_gym import _checks, _extras
     from npend_gym.report.outputs import FIGURES, prepare_file, write_figure
 
-    of_film = {"fps": fps, "speed": speed, "size": size, "plain": plain or None}
-    extra = [name for name, value in of_film.items() if value is not None]
-    if film is None and extra:
-        raise ValueError(f"--{extra[0]} must be left out without --film")
+    if film is None:
+        of_film = {"--fps": fps, "--speed": speed, "--size": size, "--plain": plain}
+        refuse_unused(of_film, "without --film")
     speed = _checks.positive_number("speed", 1.0 if speed is None else speed)
     size = _SIZE if size is None else size
     fps = None if fps is None else _checks.positive_number("fps", fps)

@@ -1,17 +1,22 @@
-"""How positions, rates and relative angles in the tables of other programs become angles."""
+"""How columns in the tables of other programs become times, angles and torques."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.identification.angles import (
+    centre_of_circle,
+    from_positions,
+    from_rates,
+    is_circle,
+    is_quaternion,
+)
 from npend_gym.identification.columns import (
     DEGREE,
     SECONDS,
@@ -24,16 +29,13 @@ from npend_gym.identification.columns import (
     single,
 )
 from npend_gym.identification.instants import MIN_ROWS
-from npend_gym.identification.motion import Motion, passes, pieces_in_turn
+from npend_gym.identification.motion import pieces_in_turn
 from npend_gym.identification.tables import Column, Table
 
 _SINCE_1970 = 1e11, 1e14, 1e17  # numbers from which on instants are in ms, us, ns since then
 _LONG_AGO = 1e8  # s; instants that are larger are from another day
 _BACKWARDS = 0.01  # of the rows: so many may be late
 _ANEW = 0.1  # of a recording: where times fall back to before, another one begins
-_UNIT = 0.01  # by so much a quaternion's sum of squares differs from 1, where it is rounded
-_FIXED = 0.05  # of the scatter of the next marker: one that moves less is the pivot
-_ROUND = 0.03  # scatter of the distance from the origin, of its mean: the origin is the pivot
 
 
 class Reading(NamedTuple):
@@ -103,8 +105,8 @@ def _guessed(columns: Sequence[Column], *, frames: bool) -> list[Meant]:
     if len(columns) == 3:
         places = np.column_stack(values[1:])
         places = places[np.isfinite(places).all(axis=1)]
-        away = np.hypot(*(places - _centre_of_circle(places)).T)
-        if not np.std(away) < _ROUND * np.mean(away) or not np.ptp(places, axis=0).all():
+        circles = is_circle(places - centre_of_circle(places))
+        if not circles or not np.ptp(places, axis=0).all():
             return []
     return [Meant(role, -1, "", one) for role, one in zip(roles, columns, strict=True)]
 
@@ -147,7 +149,7 @@ def _of_run(
     full, labels = _in_order(times, full, labels, said)
     sizes = [DEGREE if degrees and role != "x" else one.size for one in chosen]
     values = np.column_stack([one.column.values for one in chosen])[full] * sizes
-    if values.shape[1] == 4 and role != "x" and _is_quaternion(values):
+    if values.shape[1] == 4 and role != "x" and is_quaternion(values):
         raise ValueError(
             f"the columns {names} are a quaternion, because their squares add up to 1, and no "
             "angles of four links: give the angle about the hinge, which is twice the arctangent "
@@ -156,9 +158,9 @@ def _of_run(
     times, lengths, in_degrees = times[full], None, sizes[0] == DEGREE
     if role == "x":
         places = np.stack([values, np.column_stack([one.values for one in y])[full]], axis=2)
-        theta, lengths = _from_positions(places, fps is not None and not table.named, said)
+        theta, lengths = from_positions(places, fps is not None and not table.named, said)
     elif role in ("omega", "axes"):
-        theta = _from_rates(times, values, labels[full], role == "axes", said)
+        theta = from_rates(times, values, labels[full], role == "axes", said)
     else:
         if role == "axis" and not in_degrees and float(np.abs(values).max()) > 1.01 * np.pi:
             values, in_degrees = np.radians(values), True
@@ -184,8 +186,7 @@ def _of_run(
         position = single(moving)[0].values[full]
         said.append(f"{moving[0].column.name!r} is the position of a cart, in metres")
     known = np.isfinite(theta).all(axis=1)
-    parts = (None if one is None else one[known] for one in (torque, position))
-    torque, position = parts
+    torque, position = (None if one is None else one[known] for one in (torque, position))
     return Reading(times[known], theta[known], torque, labels[full][known], lengths, said, position)
 
 
@@ -197,8 +198,8 @@ def _once(
     Where some rows have one time and differ, times are rounded: these rows stay.
     """
     rows = np.flatnonzero(full)
-    again = rows[1:][np.diff(times[rows]) == 0.0]
-    before = rows[:-1][np.diff(times[rows]) == 0.0]
+    at_once = np.diff(times[rows]) == 0.0
+    before, again = rows[:-1][at_once], rows[1:][at_once]
     if again.size and np.array_equal(cells[again], cells[before]):
         said.append(f"{again.size} rows are the same as those before them and are left out")
         full = full.copy()
@@ -272,88 +273,3 @@ def _times(
         times = times - np.nanmin(times)
     said.append(f"times are {chosen.column.name!r}, in {SPELT.get(unit, 'seconds')}")
     return times
-
-
-def _from_positions(
-    places: FloatArray, film: bool, said: list[str]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the angles, and the lengths, of links between markers at `places` (T, markers, 2)."""
-    scatter = np.sqrt(places.var(axis=0).sum(axis=1))
-    if len(scatter) > 1 and scatter[0] < _FIXED * scatter[1]:
-        pivot, places, how = np.median(places[:, 0], axis=0), places[:, 1:], "the first marker"
-    else:
-        away = np.hypot(*places[:, 0].T)
-        if np.std(away) < _ROUND * np.mean(away):
-            pivot, how = np.zeros(2), "the origin"
-        else:
-            pivot, how = _centre_of_circle(places[:, 0]), "the centre of the first marker's circle"
-    joints = np.concatenate([np.broadcast_to(pivot, (len(places), 1, 2)), places], axis=1)
-    x, y = (np.diff(joints[:, :, k], axis=1) for k in (0, 1))
-    down = film or float(np.mean(y[:, 0] / np.hypot(x[:, 0], y[:, 0]))) > 0.5
-    theta, lengths = np.arctan2(x, y if down else -y), np.median(np.hypot(x, y), axis=0)
-    shown = ", ".join(f"{length:.4g}" for length in lengths.tolist())
-    said.append(
-        f"positions are read with y {'down' if down else 'up'} and the pivot at {how}; links are "
-        f"{shown} long in their unit"
-    )
-    return theta, lengths
-
-
-def _is_quaternion(values: FloatArray) -> bool:
-    """Return whether rows of four numbers are turns in space: no four angles keep such a sum."""
-    return bool(np.all(np.abs((values**2).sum(axis=1) - 1.0) < _UNIT))
-
-
-def _centre_of_circle(places: FloatArray) -> FloatArray:
-    """Return the centre of the circle on which places (T, 2) lie, by linear least squares."""
-    middle: FloatArray = np.asarray(places.mean(axis=0))
-    x, y = ((places - middle)[:, k] for k in (0, 1))
-    matrix: FloatArray = np.column_stack([2.0 * x, 2.0 * y, np.ones_like(x)])
-    squares: FloatArray = x**2 + y**2
-    return middle + np.linalg.lstsq(matrix, squares, rcond=None)[0][:2]
-
-
-def _from_rates(
-    times: FloatArray, rates: FloatArray, pieces: NDArray[Any], axes: bool, said: list[str]
-) -> FloatArray:
-    """Return angles of which the rates, or those about three axes, are given [rad/s].
-
-    The axis of the hinge is the direction in which rates vary most: a phone may lie obliquely. No
-    rate says how an angle changed in a gap, or from one recording to the next: each stretch is
-    integrated alone, and rows that belong to none are NaN.
-    """
-    if axes:
-        axis = np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
-        axis *= np.sign(axis[np.argmax(np.abs(axis))])
-        rates = (rates @ axis)[:, None]
-        shown = ", ".join(f"{part:.2f}" for part in axis.tolist())
-        said.append(f"the axis of the hinge is ({shown}) in the sensor")
-    stretches = Motion(times, rates, None, pieces).stretches() or [slice(0, times.size)]
-    theta = np.full_like(rates, np.nan)
-    for rows, link in product(stretches, range(rates.shape[1])):
-        theta[rows, link] = _without_drift(times[rows], rates[rows, link], len(stretches) == 1)
-    said.append("rates are integrated; a steady rate, and the mean angle, are taken as zero")
-    if (lost := int(np.isnan(theta).any(axis=1).sum())) == times.size:
-        raise ValueError("rates must show a whole swing of every link between two gaps at least")
-    if lost:
-        said.append(f"{lost} rows show no whole swing between two gaps and are left out")
-    return theta
-
-
-def _without_drift(times: FloatArray, rates: FloatArray, alone: bool) -> FloatArray:
-    """Return the integral of rates that swing about zero; NaN where it is unknown.
-
-    Without a whole swing the mean angle of a stretch is not zero; that of one `alone` is a guess.
-    """
-    theta: FloatArray = np.asarray(cumulative_trapezoid(rates, times, initial=0))
-    steady, middle = float(rates.mean()), 0.0
-    for _ in range(3):  # the mean of parts of a swing is not the steady rate
-        turned = passes(times, rates - steady)
-        if turned.size > 1:  # of whole swings from a turning point on, a line has no slope
-            whole = (times >= turned[0]) & (times <= turned[-1])
-        else:
-            whole = np.full(times.size, alone)
-        if not whole.any():
-            return np.full_like(theta, np.nan)
-        steady, middle = np.polyfit(times[whole], theta[whole], 1).tolist()
-    return theta - middle - steady * times

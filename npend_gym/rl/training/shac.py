@@ -230,7 +230,6 @@ def train(
     config = with_wider_ranges(config, settings.margin)  # so that their ends are common
     parts_of_reward = settings.uptime, settings.max_speed
     task = TensorTask(config, settings.gamma, settings.obs_scale, *parts_of_reward)
-    task.check_gradient()
     collector = Collector(config, task, settings)
     learner = Learner(task, config.joints.size, settings)
     collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where not done yet

@@ -77,13 +77,15 @@ class TensorTask:
         episodes = Episodes(config, 1)
         episodes.seeds.read_keys(np.arange(1))  # no seed is chosen, and modes in Python need one
         episodes.start(np.ones(1, np.bool_))
-        self._first: EpisodeStarts = episodes.beginnings()
-        self._own = self._lanes_of(self._first)
+        began = episodes.beginnings()
+        self._own = self._lanes_of(began)
         self._parts = [part.float() for part in _parts(self._own)]
         self._own = self._with(self._parts)
         self.inputs: int = len(self.obs_scale)  # of the actor
         drawn = 0 if config.observe_context else len(config.randomization.names)
         self.judged: int = self.inputs + drawn  # of the critic
+        if config.reward_type == "dense":
+            self._check_gradient(self.context_of(began))
 
     def _lanes_of(self, began: EpisodeStarts) -> Lanes:
         return Lanes.of(began, self.config, torch.device("cpu"), alike=not self.varied)
@@ -114,24 +116,21 @@ class TensorTask:
         q, u = states.chunk(2, dim=-1)
         return TensorState(q, u, self._lanes(context), _sincos)
 
-    def check_gradient(self) -> None:
+    def _check_gradient(self, context: torch.Tensor) -> None:
         """Raise a ValueError where a mode of the user's own has a reward without a gradient."""
-        mode, numbers = self.config.mode, self.config.state_size + self.config.joints.size
-        given = torch.full((1, numbers), 0.5, requires_grad=True)
-        state, action = given.split([self.config.state_size, self.config.joints.size], dim=1)
-        context = self.context_of(self._first) if self.varied else torch.zeros(1, 0)
+        states = torch.full((1, self.config.state_size), 0.5, requires_grad=True)
+        actions = torch.zeros(1, self.config.joints.size)
         try:
-            has_gradient = self.reward(state, action, context).requires_grad
+            if self.reward(states, actions, context).requires_grad:
+                return
         except RuntimeError as error:  # of PyTorch, where NumPy takes a tensor
             if "numpy()" not in str(error):
                 raise
-            has_gradient = False
-        if not has_gradient and self.config.reward_type == "dense":
-            raise ValueError(
-                f"reward of mode {mode.name!r} must have a gradient for shac: write it with "
-                "+ - * /, ** and abs, without functions of NumPy; or train by an algorithm "
-                "without gradients"
-            )
+        raise ValueError(
+            f"reward of mode {self.config.mode.name!r} must have a gradient for shac: write it "
+            "with + - * /, ** and abs, without functions of NumPy; or train by an algorithm "
+            "without gradients"
+        )
 
     def observe(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return the observations, (..., inputs), over their scale."""
