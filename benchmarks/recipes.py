@@ -42,7 +42,7 @@ EVALUATED = "python examples/{script}.py {task} --seed {seed} && npend evaluate 
 RECIPES: dict[str, str] = {
     "tutorial": "docs/tutorial.md#A first trained policy",
     "sb3 page": "docs/howto/sb3.md#Train with Stable-Baselines3",
-    "judge_sb3 page": "docs/howto/judge_sb3.md#Train,Evaluate",
+    "evaluate_sb3 page": "docs/howto/evaluate_sb3.md#Train,Evaluate",
     "own_trainer page": "docs/howto/own_trainer.md#Add a trainer of your own",
     "skrl": "python examples/train_skrl.py --seed {seed}",
     "many_n": "python examples/train_many_n.py --seed {seed}",

@@ -74,7 +74,7 @@ def of_learning() -> str:
 
 
 def engines() -> str:
-    """Return what `python benchmarks/judge_engines.py` has written about one case of engines."""
+    """Return what `python benchmarks/evaluate_engines.py` has written about one case of engines."""
     lines = ["| engine | method | 1 s | 5 s | 10 s | energy | us a step | cases |",
              "|---|---|---:|---:|---:|---:|---:|---:|"]  # fmt: skip
     rows = results("engines")

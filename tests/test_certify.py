@@ -4,7 +4,7 @@ import csv
 import json
 from xml.etree import ElementTree as ET
 
-import judge_engines
+import evaluate_engines
 import numpy as np
 import pytest
 from certify import derivatives, jax_runners, oracle, runners
@@ -92,13 +92,13 @@ def test_torques_of_joints_stand_behind_the_cart_and_between_the_slides():
 
 def test_the_command_writes_a_row_for_each_engine_or_why_there_is_none(tmp_path, capsys):
     chosen = ["--case", "drag", "--engine", "npend_gym rk4", "--engine", "Drake RK3"]
-    assert judge_engines.main([*chosen, "--out", str(tmp_path), "--json"]) == 0
+    assert evaluate_engines.main([*chosen, "--out", str(tmp_path), "--json"]) == 0
     ours, theirs = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert float(ours["error_1_s"]) < 1e-8
     assert theirs["error_1_s"] == ""
     assert "Error: " in theirs["reason"]
     assert (tmp_path / "engines.csv").exists()
-    assert "npend_gym rk4" in judge_engines.line(ours)
+    assert "npend_gym rk4" in evaluate_engines.line(ours)
 
 
 def test_the_file_in_a_new_folder_keeps_old_rows_and_the_json_has_the_new_ones(
@@ -107,11 +107,11 @@ def test_the_file_in_a_new_folder_keeps_old_rows_and_the_json_has_the_new_ones(
     def rows(cases, names):
         yield {"case": cases[0].name, "engine": names[0], "reason": "a stand-in"}
 
-    monkeypatch.setattr(judge_engines, "rows", rows)
+    monkeypatch.setattr(evaluate_engines, "rows", rows)
     out = tmp_path / "new" / "folder"
     for engine in ("npend_gym rk4", "Drake RK3"):
         chosen = ["--case", "drag", "--engine", engine, "--json", "--out", str(out)]
-        assert judge_engines.main(chosen) == 0
+        assert evaluate_engines.main(chosen) == 0
         assert [row["engine"] for row in json.loads(capsys.readouterr().out)] == [engine]
     with (out / "engines.csv").open() as file:
         assert {row["engine"] for row in csv.DictReader(file)} == {"npend_gym rk4", "Drake RK3"}
@@ -120,7 +120,7 @@ def test_the_file_in_a_new_folder_keeps_old_rows_and_the_json_has_the_new_ones(
 def test_the_file_keeps_rows_of_engines_and_cases_that_are_no_longer_known(tmp_path):
     path, known = tmp_path / "engines.csv", {"case": "drag", "engine": "npend_gym rk4"}
     path.write_text("case,engine\nold,npend_gym rk4\ndrag,old\n")
-    rows = [(row["case"], row["engine"]) for row in judge_engines._merged(path, [known])]
+    rows = [(row["case"], row["engine"]) for row in evaluate_engines._merged(path, [known])]
     assert rows == [("drag", "npend_gym rk4"), ("drag", "old"), ("old", "npend_gym rk4")]
 
 
@@ -128,9 +128,10 @@ def test_a_run_that_diverges_is_named_so(monkeypatch):
     def exploding(*_case_and_step):
         return lambda state, *_torque_and_duration: (state + 1e4, 1)
 
-    row = judge_engines._about("npend_gym rk4", CASES["links"])
-    monkeypatch.setitem(judge_engines.ENGINES, "exploding", runners.Engine(exploding, "none", ""))
-    row |= judge_engines._played("exploding", CASES["links"])
+    row = evaluate_engines._about("npend_gym rk4", CASES["links"])
+    engine = runners.Engine(exploding, "none", "")
+    monkeypatch.setitem(evaluate_engines.ENGINES, "exploding", engine)
+    row |= evaluate_engines._played("exploding", CASES["links"])
     assert row["reason"] == "diverged"
     assert "error_1_s" not in row
 

@@ -81,7 +81,7 @@ ELSEWHERE = {  # why a command is not run here
     "benchmarks/hardness.py": "minutes; tests/test_hardness.py runs a part",
     "s3://": "it needs a store; tests/test_campaign_stores.py has one",
     "long_motions.py": "minutes, and it needs heyoka",
-    "judge_engines.py": "it needs other engines; tests/test_certify.py runs a part",
+    "evaluate_engines.py": "it needs other engines; tests/test_certify.py runs a part",
     "paper.period": "minutes; tests/paper/test_period_paper.py runs a part",
     "--full": "half an hour; tests/paper/test_com_law.py runs a part",
     "--only hesitation": "minutes; tests/paper/test_paper_hesitation.py runs it",

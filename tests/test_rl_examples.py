@@ -282,7 +282,7 @@ def test_scripts_refuse_no_steps_and_do_not_take_the_default(
         ("train_many_n", "stable_baselines3", ["--steps", "9"], "--steps must be at least 4096"),
         ("train_many_n", "stable_baselines3", ["--episodes", "0"], "--episodes must be at least 1"),
         ("soak", "psutil", ["steps", "--steps", "4"], "steps needs at least 5, got 4"),
-        ("judge_engines", "scipy", ["--derivatives", "--engine", "heyoka", "--case", "long"],
+        ("evaluate_engines", "scipy", ["--derivatives", "--engine", "heyoka", "--case", "long"],
          "there are no derivatives of heyoka, long"),
     ],
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """The references: Taylor's method of heyoka on the dense equations, in numbers of many digits.
 
-    python benchmarks/judge_engines.py --make-references         some minutes; needs heyoka
+    python benchmarks/evaluate_engines.py --make-references         some minutes; needs heyoka
 
 Every case is computed twice, with other orders, steps and digits. The largest difference of the two
 stands beside the result. An error is raised where it exceeds 1e-21, a tenth of the bound.

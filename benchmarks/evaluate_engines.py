@@ -1,9 +1,9 @@
 """How exact and how fast simulation engines are on the reference cases of `certify`.
 
-    python benchmarks/judge_engines.py --out benchmarks/results     all that are installed
-    python benchmarks/judge_engines.py --engine "MuJoCo RK4" --case links
-    python benchmarks/judge_engines.py --derivatives -o results     of the state after 1 s
-    python benchmarks/judge_engines.py --make-references            compute the cases; needs heyoka
+    python benchmarks/evaluate_engines.py --out benchmarks/results  all that are installed
+    python benchmarks/evaluate_engines.py --engine "MuJoCo RK4" --case links
+    python benchmarks/evaluate_engines.py --derivatives -o results  of the state after 1 s
+    python benchmarks/evaluate_engines.py --make-references         compute the cases; needs heyoka
 
 Engines with fixed steps take steps of 1/1024 s. `certify/README.md` describes the cases, and how
 an engine is added. An engine that is missing, cannot express a case or diverges gets a row with
@@ -129,7 +129,7 @@ FIELDS = ("case", "engine", "version", "method", "precision", *(f"error_{t}_s" f
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print, row by row; return the exit code."""
-    parser = Parser(prog="benchmarks/judge_engines.py", description=__doc__)
+    parser = Parser(prog="benchmarks/evaluate_engines.py", description=__doc__)
     cases = {case.name: case for case in read()}
     parser.add_argument("--engine", action="append", choices=ENGINES, help="one, or several (all)")
     parser.add_argument("--case", action="append", choices=cases, help="one, or several (all)")
