@@ -77,7 +77,7 @@ RECIPES: dict[str, str] = {
     ),
     "npend train swingup-1-robust": "npend train swingup-1-robust --seed {seed}",
     "train_sb3 swingup-1-sac": SB3.format(task="swingup-1-sac", seed="{seed}"),
-    "train_sb3 balance-2-tqc": SB3.format(task="balance-2-tqc", seed="{seed}"),
+    "train_sb3 balance-1-tqc": SB3.format(task="balance-1-tqc", seed="{seed}"),
     "train_sb3 calm-5": SB3.format(task="calm-5", seed="{seed}"),
     "npend train transition-2": "npend train transition-2 --seed {seed}",
     "train_sb3 swingup-2": SB3.format(task="swingup-2", seed="{seed}"),
