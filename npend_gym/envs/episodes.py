@@ -42,7 +42,7 @@ STATE = Rod.THETA, Rod.OMEGA
 class Episodes:
     """The chains of B environments ("sub-environments") and the episodes that they are in.
 
-    Nothing in a environment depends on another environment, on B or on the number of threads.
+    Nothing in an environment depends on another environment, on B or on the number of threads.
     `outputs` has the results of the last step or start. `motors` and `sensors` are None where they
     are ideal. Those of a `single` environment give plain numbers, to a mode of the user's own too.
     """

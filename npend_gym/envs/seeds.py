@@ -49,7 +49,7 @@ class Seeds:
     def choose(self, seed: Any, lanes: BoolArray) -> LaneNumbers:
         """Seed some lanes (B,) as `checked_seeds` has it; return those whose seed is new.
 
-        A environment without a seed keeps the one it has. The first is drawn from the system where
+        An environment without a seed keeps the one it has. The first is drawn from the system where
         none was given.
         """
         given: list[Any] = [None] * self._count if seed is None else seed

@@ -1,7 +1,7 @@
 """The keywords of the environments: default, rule and description of each.
 
 Their types stand in `keywords.EnvKeywords`. `config.EnvConfig` checks them and fills in what is
-left out. From a keyword of a environment (`of_lane`) follow its row for kernels, its range in
+left out. From a keyword of an environment (`of_lane`) follow its row for kernels, its range in
 `randomize` and its place in `get_state`.
 """
 
@@ -49,7 +49,7 @@ def keyword(
 
 
 def _error(text: str, limit: Limit | None = None) -> Any:
-    """Return a field for what a environment's motor or sensor does not do ideally; 0 is ideal."""
+    """Return a field for what an environment's motor or sensor does not do ideally; 0 is ideal."""
     return keyword(0.0, text, _checks.nonnegative_number, of_lane=True, limit=limit)
 
 

@@ -37,7 +37,7 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     max_episode_steps : int or None
         Steps after which a sub-environment is truncated; None for never.
     autoreset_mode : gymnasium.vector.AutoresetMode or str
-        NEXT_STEP (default): the next step resets a environment that is done, and ignores its
+        NEXT_STEP (default): the next step resets an environment that is done, and ignores its
         action. SAME_STEP: the same step resets it; its last observation and info are in
         ``info["final_obs"]`` and ``info["final_info"]``. DISABLED: the caller resets it with
         ``reset(options={"reset_mask": done})``.

@@ -19,7 +19,8 @@ from npend_gym._version import __version__
 from npend_gym.export.about import described
 from npend_gym.export.feedback import policy_of
 from npend_gym.rl.controllers.feedback import StateFeedback
-from npend_gym.rl.policies.policy import Policy, arrays_of
+from npend_gym.rl.policies.network import arrays_of
+from npend_gym.rl.policies.policy import Policy
 
 _OPSET, _IR = 17, 8  # of ONNX 1.12, which every runtime reads
 # Models in the text of ONNX

@@ -215,7 +215,7 @@ class DifferentiableVectorEnv(ManyLanes):
         TypeError, ValueError
             If the actions break their rule; no sub-environment has then changed.
         DivergedError
-            If a environment leaves all bounds, with the number of the step since all environments
+            If an environment leaves all bounds, with the number of the step since all environments
             were reset.
         ResetNeeded
             As for `NPendulumVectorEnv.step`.

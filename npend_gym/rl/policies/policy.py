@@ -14,19 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
 from npend_gym._extras import require
 from npend_gym.chain import plain_keywords
-from npend_gym.rl.policies.checks import (
-    USUAL,
-    check_env,
-    check_functions,
-    check_network,
-    check_trust,
-    dense_layers,
-)
+from npend_gym.rl.policies.checks import check_about, check_env, check_trust
 from npend_gym.rl.policies.files import (
-    CHECKSUM,
     POLICY_FILE,
     Float32Array,
     pretrained_path,
@@ -34,12 +25,18 @@ from npend_gym.rl.policies.files import (
     write_policy,
 )
 from npend_gym.rl.policies.history import History
+from npend_gym.rl.policies.network import (
+    USUAL,
+    Network,
+    arrays_of,
+    as_float32,
+    check_functions,
+    check_network,
+    dense_layers,
+)
 
 if TYPE_CHECKING:
     from npend_gym.envs.config import EnvConfig
-
-
-_RESERVED = {"env", "network", CHECKSUM}  # beside the provenance in a file
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -105,30 +102,23 @@ class Policy:
     activation: str = "tanh"
     output: str = "clip"
     _history: History | None = field(init=False, repr=False, compare=False)
+    _network: Network = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         functions = check_functions(self._functions)
         object.__setattr__(self, "limit", functions["limit"])  # no scalar of NumPy
-        for name in ("env", "provenance"):
-            if not isinstance(getattr(self, name), Mapping):
-                raise TypeError(f"{name} must be a dict, got {_checks.show(getattr(self, name))}")
-        for name in _RESERVED & self.provenance.keys():
-            raise ValueError(f"provenance[{name!r}] must be left out: a file has its own")
-        for name in ("scale", "offset"):
-            given = getattr(self, name)
-            if name == "scale" or given is not None:
-                object.__setattr__(self, name, _as_float32(name, given))
+        check_about(self.env, self.provenance)
+        given = {"scale": self.scale} | ({} if self.offset is None else {"offset": self.offset})
+        for name, numbers in given.items():
+            object.__setattr__(self, name, as_float32(name, numbers))
         for name in ("weights", "biases"):
             layers = _checks.listed(name, getattr(self, name), "[first, second]")
-            arrays = [_as_float32(f"{name}[{k}]", each) for k, each in enumerate(layers)]
+            arrays = [as_float32(f"{name}[{k}]", each) for k, each in enumerate(layers)]
             object.__setattr__(self, name, arrays)
         check_network((self.scale, self.weights, self.biases), self.offset, functions)
-        history = None
-        if self.scale.ndim == 2:
-            length, entries = self.scale.shape
-            joints = len(self.biases[-1])
-            history = History(length, entries - joints, joints)
+        history = History(self.scale.shape, len(self.biases[-1])) if self.scale.ndim == 2 else None
         object.__setattr__(self, "_history", history)
+        object.__setattr__(self, "_network", Network(self))
         if self.env:
             check_env(plain_keywords(self.env), self.observed, len(self.biases[-1]))
 
@@ -206,29 +196,11 @@ class Policy:
             check_observation(self.config, observation, info)
         observation = np.asarray(observation, np.float32)
         if self._history is None:
-            return self._act(self._scaled(observation))
-        frames = self._remembered(self._history, np.atleast_2d(observation), info)
-        action = self._act(self._scaled(frames).reshape(len(frames), self.scale.size))
+            return self._network(observation)
+        frames = self._history.remember(np.atleast_2d(observation), info)
+        action = self._network(frames)
         self._history.act(action)
         return action[0] if np.ndim(observation) == 1 else action
-
-    def _remembered(
-        self, history: History, observation: Float32Array, info: Mapping[str, Any] | None
-    ) -> Float32Array:
-        """Return the frames of all environments, (B, length, k + joints)."""
-        begins = np.atleast_1d(info["time"]) == 0.0 if info and "time" in info else None
-        if begins is not None and begins.all():
-            history.reset(begins.size)
-        if not len(history.frames):
-            raise ValueError("call reset(num_envs) before a policy with memory acts")
-        expected = (len(history.frames), self.observed)
-        if np.shape(observation) != expected:
-            raise ValueError(
-                f"observation must have the shape {expected}, because the policy has a "
-                f"memory for {len(history.frames)} environments; got {np.shape(observation)}: "
-                "call reset(num_envs) before others"
-            )
-        return history.observe(observation, begins)
 
     def act(self, theta: ArrayLike, omega: ArrayLike, **others: Any) -> Float32Array:
         """Return the actions within [-1, 1] for angles and velocities that were measured.
@@ -262,31 +234,6 @@ class Policy:
         from npend_gym.envs.config import EnvConfig  # heavy
 
         return EnvConfig(**self.env)
-
-    @cached_property
-    def _layers(self) -> list[tuple[FloatArray, FloatArray]]:
-        pairs = zip(self.weights, self.biases, strict=True)
-        return [(weight.T.astype(np.float64), bias.astype(np.float64)) for weight, bias in pairs]
-
-    def _scaled(self, observed: Float32Array) -> FloatArray:
-        """Inputs of the network."""
-        shown = observed.astype(np.float64)
-        signal = (shown if self.offset is None else shown - self.offset) / self.scale
-        return signal if self.limit == math.inf else np.clip(signal, -self.limit, self.limit)
-
-    def _act(self, signal: FloatArray) -> Float32Array:
-        """Return the actions for what the network is given.
-
-        Sums in float64 are rounded to float32. So it hardly ever shows in which order a processor
-        sums, which depends on its kind, the number of threads and of environments.
-        """
-        *hidden, last = self._layers
-        for weight, bias in hidden:
-            signal = signal @ weight + bias
-            signal = np.tanh(signal) if self.activation == "tanh" else np.maximum(signal, 0.0)
-        mean = signal @ last[0] + last[1]
-        action = np.tanh(mean) if self.output == "tanh" else np.clip(mean, -1.0, 1.0)
-        return action.astype(np.float32)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the policy to a file: numbers, `env` and `provenance`.
@@ -401,24 +348,3 @@ class Policy:
     def pretrained(cls, name: str) -> Policy:
         """Load a policy that comes with the package, such as "swingup-2"."""
         return cls.load(pretrained_path(name))
-
-
-def arrays_of(policy: Policy) -> dict[str, Float32Array]:
-    """Return the numbers of the network by their names in a file."""
-    arrays = {"scale": policy.scale} | ({} if policy.offset is None else {"offset": policy.offset})
-    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
-        arrays |= {f"weight{k}": weight, f"bias{k}": bias}
-    return arrays
-
-
-def _as_float32(name: str, given: Any) -> Float32Array:
-    """Return numbers as an array of float32, as a file holds them, that nothing else changes."""
-    try:
-        raw = np.asarray(given)
-    except ValueError:  # lists of different lengths
-        raw = np.asarray(None)
-    if raw.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be an array of numbers, got {_checks.show(given)}")
-    array = np.array(raw, np.float32)
-    array.setflags(write=False)
-    return array

@@ -268,7 +268,7 @@ def astray(
 ) -> float:
     """Return how far errors lead from a plan that is tracked: a mean logarithm.
 
-    It is that of the largest cost of the deviation in a environment, over the mean at the start.
+    It is that of the largest cost of the deviation in an environment, over the mean at the start.
     The actions of some environments have noise. Of others the chain is slightly wrong, which the
     feedback does not know, or the motor has a lag, which the expert knows; `error_weight` is the
     weight of the mean of each of these.

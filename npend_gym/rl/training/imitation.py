@@ -86,7 +86,7 @@ class DAgger:
         obs_scale, change_scale = (observation_scale(config, each) for each in scales)
         joints = config.joints.size
         self.to_inputs: torch.Tensor = differences(settings.length, obs_scale, change_scale, joints)
-        self.history: History = History(settings.length, config.observed, joints)
+        self.history: History = History((settings.length, config.observed + joints), joints)
         inputs = self.to_inputs.shape[1]
         count = 2**config.n if settings.by_goal else 1
         networks = [network(inputs, joints, settings.hidden, last_gain=0.1) for _ in range(count)]
