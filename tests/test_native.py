@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
-from npend_gym.compiled import native
+from npend_gym.compiled import native, processors
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.sincos import sincos
 from npend_gym.compiled.sources import code_folder
@@ -163,13 +163,15 @@ def test_kept_machine_code_runs_without_numba_and_without_scipy(keywords):
     assert done.stdout == "[]\n"
 
 
-@pytest.mark.skipif(not native.levels() and "x86_64" not in native.processor(), reason="not x86-64")
+@pytest.mark.skipif(
+    not processors.levels() and "x86_64" not in processors.processor(), reason="not x86-64"
+)
 def test_shipped_machine_code_is_taken_where_none_is_kept(tmp_path, monkeypatch):
-    level = next(iter(native._LEVELS))
-    text, kind = native._made_for(level), native.kind_of((1.0,))
+    level = next(iter(processors.LEVELS))
+    text, kind = processors.made_for(level), native.kind_of((1.0,))
     shipped = tmp_path / "shipped" / code_folder().name
     shipped.mkdir(parents=True)
-    ours = code_folder() / sincos._file(kind, native.processor())
+    ours = code_folder() / sincos._file(kind, processors.processor())
     sincos(1.0)
     shutil.copy(ours, shipped / sincos._file(kind, text))
     monkeypatch.setattr(native, "SHIPPED", tmp_path / "shipped")

@@ -9,7 +9,8 @@ import pytest
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import evaluate
-from npend_gym.rl.controllers.planning import Tracking, planned_swing_up
+from npend_gym.rl.controllers.planning import planned_swing_up
+from npend_gym.rl.controllers.tracking import Tracking
 from npend_gym.rl.evaluation.settings import setting_of
 
 pytestmark = pytest.mark.long  # plans take seconds

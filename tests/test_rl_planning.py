@@ -7,10 +7,11 @@ import pytest
 from npend_gym import Cart, Chain, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import evaluate, planned_swing_up, planned_transition
-from npend_gym.rl.controllers.planning import mpc_motions, track
+from npend_gym.rl.controllers.planning import mpc_motions
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.controllers.regulators import softened
 from npend_gym.rl.controllers.step_model import StepModel, state_of
+from npend_gym.rl.controllers.tracking import track
 from npend_gym.rl.controllers.transcription import MAX_ACTION, MAX_PLACE, Transcription
 
 

@@ -15,7 +15,7 @@ from npend_gym import Chain, identify, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.rl import HELD_OUT, Policy, episode_seeds, evaluate
-from npend_gym.rl.controllers.planning import Tracking
+from npend_gym.rl.controllers.tracking import Tracking
 
 torch = pytest.importorskip("torch")
 

@@ -24,19 +24,13 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite
 import numpy as np
 from llvmlite import binding
 
 from npend_gym.compiled.machine_code import read_code, write_code
+from npend_gym.compiled.processors import SHIPPED, levels, processor
 from npend_gym.compiled.sources import PACKAGE, code_folder
 
-SHIPPED = PACKAGE / "machine_code"  # what a wheel may bring, as `hatch_build.py` makes it
-# Processors that wheels have machine code for, the best first, and the features that they need
-_LEVELS = {
-    "x86-64-v4": {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "avx2", "bmi2", "fma"},
-    "x86-64-v3": {"avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"},
-}
 _FORMAT = 1  # of files of machine code
 _CALL = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.py_object, ctypes.c_void_p, ctypes.c_void_p)
 DONE, OTHER_KIND = 0, 1  # what an entry returns
@@ -329,35 +323,3 @@ def _engine() -> Any:
     binding.initialize_native_asmprinter()
     machine = binding.Target.from_default_triple().create_target_machine()
     return binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
-
-
-@cache
-def processor() -> str:
-    """Return for which processor machine code is made: the user's choice, or this one.
-
-    For this one also by which compiler, since a newer one may make faster code.
-    """
-    name, features = (os.environ.get(f"NUMBA_CPU_{each}") for each in ("NAME", "FEATURES"))
-    if name:
-        return _made_for(name, features or "")
-    features = binding.get_host_cpu_features().flatten()
-    return _made_for(binding.get_host_cpu_name(), f"{features} {llvmlite.__version__}")
-
-
-def _made_for(name: str, features: str = "") -> str:
-    return f"{binding.get_process_triple()} {name} {features}"
-
-
-@cache
-def levels() -> list[str]:
-    """Return for which processors shipped machine code may be made to run here, the best first."""
-    if os.environ.get("NUMBA_CPU_NAME") or not SHIPPED.is_dir():
-        return []
-    if "x86_64" not in binding.get_process_triple():
-        return [_made_for("generic")]
-    features = binding.get_host_cpu_features()
-    return [
-        _made_for(level)
-        for level, needed in _LEVELS.items()
-        if all(features.get(each) for each in needed)
-    ]

@@ -5,6 +5,7 @@ from npend_gym.envs.config import EnvConfig as EnvConfig
 from npend_gym.envs.curriculum import Curriculum as Curriculum
 from npend_gym.envs.curriculum import VectorCurriculum as VectorCurriculum
 from npend_gym.envs.info import Info as Info
+from npend_gym.envs.joined import JoinedVectorEnv as JoinedVectorEnv
 from npend_gym.envs.keywords import EnvKeywords as EnvKeywords
 from npend_gym.envs.modes import Balance as Balance
 from npend_gym.envs.modes import Calm as Calm
@@ -13,7 +14,6 @@ from npend_gym.envs.modes import Passive as Passive
 from npend_gym.envs.modes import Quantities as Quantities
 from npend_gym.envs.modes import SwingUp as SwingUp
 from npend_gym.envs.modes import Transition as Transition
-from npend_gym.envs.padding import JoinedVectorEnv as JoinedVectorEnv
 from npend_gym.envs.padding import PadRods as PadRods
 from npend_gym.envs.padding import VectorPadRods as VectorPadRods
 from npend_gym.envs.progress import EnvInUse as EnvInUse

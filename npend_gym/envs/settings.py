@@ -39,10 +39,8 @@ class Limit(NamedTuple):
     why: str
 
 
-def keyword(
-    default: Any, text: str, rule: Rule | None = None, *, of_lane: bool = False,
-    limit: Limit | None = None,
-) -> Any:  # fmt: skip
+def keyword(default: Any, text: str, rule: Rule | None = None, *, of_lane: bool = False,
+            limit: Limit | None = None) -> Any:  # fmt: skip
     """Return a field for a keyword; `of_lane`: kernels read it, and each lane has a value of it."""
     about = {"text": text, "rule": rule, "of_lane": of_lane, "limit": limit}
     return field(default=default, metadata=about)

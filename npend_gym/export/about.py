@@ -9,7 +9,7 @@ import numpy as np
 from npend_gym._version import __version__
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.controllers.feedback import StateFeedback
-from npend_gym.rl.controllers.planning import PlannedTransition
+from npend_gym.rl.controllers.tracking import PlannedTransition
 from npend_gym.rl.evaluation.settings import env_of
 from npend_gym.rl.policies.policy import Policy
 

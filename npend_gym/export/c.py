@@ -20,7 +20,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import MAX_CART_ENTRY
 from npend_gym.export.about import Feedback, described
 from npend_gym.rl.controllers.feedback import StateFeedback
-from npend_gym.rl.controllers.planning import PlannedTransition
+from npend_gym.rl.controllers.tracking import PlannedTransition
 from npend_gym.rl.policies.checks import check_env
 from npend_gym.rl.policies.policy import Policy
 

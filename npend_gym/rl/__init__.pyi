@@ -10,7 +10,6 @@ from npend_gym.rl.benchmarking.suites import SUITES as SUITES
 from npend_gym.rl.controllers.energy_shaping import energy_swing_up as energy_swing_up
 from npend_gym.rl.controllers.feedback import state_feedback as state_feedback
 from npend_gym.rl.controllers.mpc import MPC as MPC
-from npend_gym.rl.controllers.planning import PlannedTransition as PlannedTransition
 from npend_gym.rl.controllers.planning import planned_swing_up as planned_swing_up
 from npend_gym.rl.controllers.planning import planned_transition as planned_transition
 from npend_gym.rl.controllers.references import CONTROLLERS as CONTROLLERS
@@ -18,6 +17,7 @@ from npend_gym.rl.controllers.references import PLANS as PLANS
 from npend_gym.rl.controllers.references import reference_controller as reference_controller
 from npend_gym.rl.controllers.regulators import lqr as lqr
 from npend_gym.rl.controllers.regulators import modal_damping as modal_damping
+from npend_gym.rl.controllers.tracking import PlannedTransition as PlannedTransition
 from npend_gym.rl.controllers.transitions import PlannedTransitions as PlannedTransitions
 from npend_gym.rl.controllers.transitions import planned_transitions as planned_transitions
 from npend_gym.rl.datasets import write_dataset as write_dataset

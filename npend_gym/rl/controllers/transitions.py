@@ -19,7 +19,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.inputs import env_actions
-from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
+from npend_gym.rl.controllers.planning import planned_transition
 from npend_gym.rl.controllers.step_model import (
     StepModel,
     at_rest,
@@ -27,6 +27,7 @@ from npend_gym.rl.controllers.step_model import (
     state_of,
     wrapped,
 )
+from npend_gym.rl.controllers.tracking import PlannedTransition, Tracking, track
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 from npend_gym.rl.evaluation.settings import env_of
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._provenance import provenance
-from npend_gym.rl.evaluation.models import check_space, check_statistics, trained_through
+from npend_gym.rl.evaluation.models import check_space
+from npend_gym.rl.evaluation.normalisation import check_statistics, trained_through
 from npend_gym.rl.evaluation.settings import EnvLike, env_of, setting_of
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn

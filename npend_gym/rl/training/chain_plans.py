@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, replanned, track
+from npend_gym.rl.controllers.planning import replanned
 from npend_gym.rl.controllers.step_model import state_of, wrapped
+from npend_gym.rl.controllers.tracking import PlannedTransition, Tracking, track
 from npend_gym.rl.controllers.transitions import Pair
 from npend_gym.rl.evaluation.settings import keywords_of
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from npend_gym._checks import FloatArray
-from npend_gym.rl.controllers.planning import Tracking
+from npend_gym.rl.controllers.tracking import Tracking
 
 _MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
 

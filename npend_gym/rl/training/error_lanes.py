@@ -16,7 +16,7 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.inputs import env_actions
-from npend_gym.rl.controllers.planning import Tracking
+from npend_gym.rl.controllers.tracking import Tracking
 from npend_gym.rl.evaluation.criteria import CRITERIA, Criterion, Pushes
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
 from npend_gym.rl.evaluation.rollouts import JoinedEnvs

@@ -19,15 +19,9 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Calm, SwingUp
 from npend_gym.rl.controllers.ilqr import Motions
 from npend_gym.rl.controllers.mpc import MPC
-from npend_gym.rl.controllers.planning import (
-    PlannedTransition,
-    Tracking,
-    planned_swing_up,
-    planned_transition,
-    replanned,
-    track,
-)
+from npend_gym.rl.controllers.planning import planned_swing_up, planned_transition, replanned
 from npend_gym.rl.controllers.step_model import at_rest, state_of
+from npend_gym.rl.controllers.tracking import PlannedTransition, Tracking, track
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 from npend_gym.rl.controllers.transitions import Pair, pairs_of
 from npend_gym.rl.evaluation.seeds import episode_seeds
