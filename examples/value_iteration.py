@@ -131,6 +131,7 @@ def interpolated(action: Tensor, sums: FloatArray) -> Tensor:
 class Learner:
     """The networks, their means over the last updates, and the states that were visited."""
 
+    script, settings_type = SCRIPT, Settings
     changes = ("rng", "value", "policy", "means", "optimizers", "lanes", "ages", "states", "count")
 
     def __init__(self, settings: Settings) -> None:
@@ -157,23 +158,30 @@ class Learner:
         with torch.no_grad():
             return self.means[1](observed(states))[:, 0].tanh().numpy().astype(float)
 
-    def explore(self) -> None:
-        """Move the lanes: half by the policy, half by looking one action ahead; with noise."""
-        size, rng = len(self.lanes), self.rng
-        ahead = self.futures.look_ahead(self.lanes[size // 2 :], self.valued)
-        actions = np.append(self.act(self.lanes[: size // 2]), LEVELS[ahead.argmax(axis=1)])
+    def explored(self, states: FloatArray) -> FloatArray:
+        """Return actions, (B,): one half of the policy, one by looking ahead; both with noise."""
+        size, rng = len(states), self.rng
+        ahead = self.futures.look_ahead(states[size // 2 :], self.valued)
+        actions = np.append(self.act(states[: size // 2]), LEVELS[ahead.argmax(axis=1)])
         # of each half a quarter has none, the others have more and more
         noise, share = [0.0, 0.2, 0.5, 1.0], [0.0, 0.0, 0.1, 0.3]
         kind = np.arange(size) % len(noise)
         actions += np.choose(kind, noise) * rng.normal(size=size) * (rng.random(size) < 0.5)
         is_random = rng.random(size) < np.choose(kind, share)
-        actions = np.where(is_random, rng.uniform(-1.0, 1.0, size), actions.clip(-1.0, 1.0))
-        self.lanes, _ = self.futures.step(self.lanes, actions)
+        return np.where(is_random, rng.uniform(-1.0, 1.0, size), actions.clip(-1.0, 1.0))
+
+    def explore(self) -> None:
+        """Move the lanes by one action, and keep where they are."""
+        self.lanes, _ = self.futures.step(self.lanes, self.explored(self.lanes))
         self.ages += 1
         done = self.ages * HOLD >= EPISODE
-        self.lanes[done], self.ages[done] = starts(rng, int(done.sum())), 0
-        self.states[(self.count + np.arange(size)) % len(self.states)] = self.lanes
-        self.count += size
+        self.lanes[done], self.ages[done] = starts(self.rng, int(done.sum())), 0
+        self.keep(self.lanes)
+
+    def keep(self, states: FloatArray) -> None:
+        """Keep states that were visited, (B, 4), in place of the oldest."""
+        self.states[(self.count + np.arange(len(states))) % len(self.states)] = states
+        self.count += len(states)
 
     def update(self, left: float) -> float:
         """Improve both networks, with the share of the run that is left; return the mean value."""
@@ -216,24 +224,26 @@ def returns_of(act: Any, futures: Futures, size: int, seed: int) -> FloatArray:
 
 
 def train(
-    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
-) -> tuple[Policy, Curve]:
+    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None,
+    kind: type[Learner] = Learner,
+) -> tuple[Policy, Curve]:  # fmt: skip
     """Return the trained policy and its learning curve, a row for every thousandth update."""
     torch.set_num_threads(1)
-    learner, curve, clock = Learner(settings), [], Stopwatch()
+    learner, curve, clock = kind(settings), [], Stopwatch()
+    futures = Futures(settings)
     parts = {"learner": learner, "curve": curve, "clock": clock}
     checkpoint = checkpoint or Checkpoint(settings)
     for update in checkpoint.rounds(parts, settings.updates, progress, "update"):
         mean = learner.update(1.0 - (update - 1) / settings.updates)
         if update % 1000 == 0 or update == settings.updates:
-            returns = returns_of(learner.act, learner.futures, 100, settings.seed)
+            returns = returns_of(learner.act, futures, 100, settings.seed)
             curve.append({
                 "updates": update,
                 "seconds": round(clock.seconds, 2),
                 "value": round(mean, 4),
                 "return": round(float(returns.mean()), 1),
             })  # fmt: skip
-    made = policy_of(learner.means[1], torch.from_numpy(SCALE), SCRIPT, settings, curve[-1])
+    made = policy_of(learner.means[1], torch.from_numpy(SCALE), kind.script, settings, curve[-1])
     return replace(made, activation="relu", output="tanh"), curve
 
 
@@ -253,10 +263,10 @@ def evaluate(policy: Policy, episodes: int, seed: int = HELD_OUT) -> FloatArray:
     return returns
 
 
-def main() -> None:
+def main(kind: type[Learner] = Learner, about: str | None = __doc__) -> None:
     """Train a policy, or evaluate one."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--updates", type=int, default=Settings.updates)
@@ -271,9 +281,9 @@ def main() -> None:
         return
     if arguments.updates < 1:
         parser.error(f"--updates must be at least 1, got {arguments.updates}")
-    settings = Settings(seed=arguments.seed, updates=arguments.updates)
+    settings = kind.settings_type(seed=arguments.seed, updates=arguments.updates)
     prepare_file(arguments.out, [".safetensors"])
-    policy, curve = train(settings, "acrobot")
+    policy, curve = train(settings, "acrobot", kind=kind)
     policy.save(arguments.out)
     write_csv(arguments.out.with_suffix(".csv"), curve)
     print(f"{arguments.out}: {curve[-1]}")

@@ -14,6 +14,7 @@ from policy_files import random_policy
 
 torch = pytest.importorskip("torch")
 
+import learned_model  # noqa: E402
 import value_iteration  # noqa: E402
 
 from npend_gym import _files, _progress  # noqa: E402
@@ -42,6 +43,12 @@ RUNS = {
     "value iteration": (
         value_iteration,
         value_iteration.Settings(updates=6, batch=8, lanes=8, memory=64, hidden=8),
+    ),
+    "value iteration in a learned model": (
+        learned_model,
+        learned_model.Settings(
+            updates=6, batch=8, lanes=8, memory=64, hidden=8, episodes=4, rounds=2, fits=2
+        ),
     ),
     "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, **FEW)),
     "shac with chains that differ": (

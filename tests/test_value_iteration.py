@@ -89,7 +89,8 @@ def test_the_policy_that_comes_with_the_example_returns_what_its_record_says():
 def test_the_command_writes_a_policy_that_acts(tmp_path, monkeypatch, capsys):
     out = tmp_path / "new" / "acrobot.safetensors"
     train, small = script.train, replace(SMALL, updates=2)
-    monkeypatch.setattr(script, "train", lambda given, _: train(replace(small, seed=given.seed)))
+    given = lambda chosen, _, kind: train(replace(small, seed=chosen.seed), kind=kind)  # noqa: E731
+    monkeypatch.setattr(script, "train", given)
     monkeypatch.setattr("sys.argv", ["value_iteration.py", "--updates", "2", "--out", str(out)])
     script.main()
     assert Policy.load(out).act([3.0, 3.1], [0.0, 0.0]).shape == (1,)
