@@ -39,11 +39,7 @@ def test_derivatives_of_recorded_steps_are_differences_of_their_ends(entry):
     for sign in (-1.0, 1.0):
         moved = np.column_stack([STATES, ACTIONS])
         moved[:, entry] += sign * step
-        learner = script.Learner(SMALL)
-        path = learner.record(moved[:, :4], moved[:, 4])
-        ends.append(path)
-    learner, found = script.Learner(SMALL), np.eye(5)[None]
-    learner.record(STATES, ACTIONS)
+        ends.append(script.Learner(SMALL).record(moved[:, :4], moved[:, 4]))
     through = np.concatenate([derivatives[[0, 5]], np.zeros((2, 3, 1, 5))], axis=2) + np.eye(5)
     found = (through[1] @ through[0])[:, :4, entry]  # of the whole action
     expected = (ends[1] - ends[0]) / (2.0 * step)
@@ -59,28 +55,30 @@ def test_angles_between_the_ends_of_a_step_are_those_of_the_cubic_through_both()
     np.testing.assert_allclose(found, [[theta[1], -theta[1]]], rtol=0, atol=1e-14)
 
 
-def test_a_fitted_model_foresees_states_and_rewards_that_it_has_not_seen():
+def test_a_fitted_model_foresees_states_and_rewards_that_it_has_not_seen(monkeypatch):
+    monkeypatch.setattr(script.exact, "EPISODE", 2.0)
     settings = script.Settings(
-        episodes=10, model_hidden=32, model_batch=128, model_learning_rate=5e-3, lanes=8, memory=64
+        episodes=50, model_hidden=32, model_batch=128, model_learning_rate=5e-3, lanes=8, memory=64
     )
     torch.manual_seed(0)
     learner = script.Learner(settings)
     learner.play(at_random=True)
     seen = learner.futures.step(STATES, ACTIONS)
-    learner.fit(400, 1.0)
+    learner.fit(300, 1.0)
     ends, rewards = script.exact.Futures(settings).step(STATES, ACTIONS)
     found = learner.futures.step(STATES, ACTIONS)
     assert np.abs(found[0] - ends).max() < 0.25 * np.abs(seen[0] - ends).max()
     assert np.abs(found[1] - rewards).max() < 0.1
 
 
-def test_a_run_plays_its_rounds_where_they_are_due_and_counts_no_more_steps():
+def test_a_run_plays_its_rounds_where_they_are_due_and_counts_no_more_steps(monkeypatch):
+    monkeypatch.setattr(script.exact, "EPISODE", 1.0)
     policy, curve = script.train(SMALL)
     learner = script.Learner(SMALL)
     for update in range(6):
         learner.update(1.0 - update / 6)
     assert learner.due == {0, 4}
-    windows = 2 * 100 * 6  # rounds at 0 and 4 updates, actions in an episode, windows in each
+    windows = 2 * 10 * 6  # rounds at 0 and 4 updates, actions in an episode, windows in each
     assert [len(each) for each in learner.recorded] == [windows] * 3
     assert policy.act(STATES[:, :2], STATES[:, 2:])[:, 0] == pytest.approx(
         learner.act(STATES), abs=1e-6
