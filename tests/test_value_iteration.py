@@ -16,7 +16,7 @@ import value_iteration as script
 SMALL = script.Settings(updates=4, batch=8, lanes=8, memory=64, hidden=8)
 STATES = np.array([[1.0, 2.0, 3.0, -4.0], [3.1, 3.3, -0.2, 0.4], [0.0, 0.0, 0.0, 0.0]])
 TORQUE = script.ENV["max_torque"]
-POLICY = Path(script.__file__).parent / "acrobot.safetensors"
+EXAMPLES = Path(script.__file__).parent
 
 
 def test_rewards_are_those_of_dm_control():
@@ -78,8 +78,10 @@ def test_the_policy_is_the_mean_of_the_networks_over_the_last_updates():
     assert policy.provenance["trained_by"] == script.SCRIPT
 
 
-def test_the_policy_that_comes_with_the_example_returns_what_its_record_says():
-    policy, futures = Policy.load(POLICY), script.Futures(script.Settings())
+@pytest.mark.parametrize("name", ["acrobot", "learned_model"])
+def test_a_policy_that_comes_with_the_examples_returns_what_its_record_says(name):
+    policy = Policy.load(EXAMPLES / f"{name}.safetensors")
+    futures = script.Futures(script.Settings())
     acts = lambda states: policy.act(states[:, :2], states[:, 2:])[:, 0]  # noqa: E731
     known = policy.provenance["training"]["return"]
     assert script.returns_of(acts, futures, 100, 0).mean() == pytest.approx(known, abs=20.0)
