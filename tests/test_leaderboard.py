@@ -18,6 +18,7 @@ def script():
     return module
 
 
+@pytest.mark.long  # it draws many samples
 def test_the_page_of_the_leaderboard_is_what_docs_leaderboard_writes():
     made = script()
     text = made.PAGE.read_text("utf-8")

@@ -262,9 +262,9 @@ def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
 @pytest.mark.parametrize(
     "name",
     [
-        # kernels of links take long to compile
+        # kernels of links take long to compile, and many steps of many rods long to take
         pytest.param(name, marks=pytest.mark.long)
-        if name.endswith(("pendubot", "smooth", "hardware", "transition-3"))
+        if name.endswith(("pendubot", "smooth", "hardware", "robust", "transition-3", "calm-50"))
         else name
         for name in pretrained_names()
     ],

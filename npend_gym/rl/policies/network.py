@@ -126,7 +126,7 @@ def arrays_of(policy: Policy) -> dict[str, Float32Array]:
     return arrays
 
 
-class Network:
+class DenseNetwork:
     """What the numbers of a policy compute.
 
     Sums in float64 are rounded to float32. So it hardly ever shows in which order a processor

@@ -27,7 +27,7 @@ from npend_gym.rl.policies.files import (
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.network import (
     USUAL,
-    Network,
+    DenseNetwork,
     arrays_of,
     as_float32,
     check_functions,
@@ -102,7 +102,7 @@ class Policy:
     activation: str = "tanh"
     output: str = "clip"
     _history: History | None = field(init=False, repr=False, compare=False)
-    _network: Network = field(init=False, repr=False, compare=False)
+    _network: DenseNetwork = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         functions = check_functions(self._functions)
@@ -118,7 +118,7 @@ class Policy:
         check_network((self.scale, self.weights, self.biases), self.offset, functions)
         history = History(self.scale.shape, len(self.biases[-1])) if self.scale.ndim == 2 else None
         object.__setattr__(self, "_history", history)
-        object.__setattr__(self, "_network", Network(self))
+        object.__setattr__(self, "_network", DenseNetwork(self))
         if self.env:
             check_env(plain_keywords(self.env), self.observed, len(self.biases[-1]))
 
