@@ -1,6 +1,6 @@
 """Value iteration in a learned model: the acrobot of dm_control, from a million of its steps.
 
-    python examples/learned_model.py    an hour on one core
+    python examples/learned_model.py    45 minutes on one core
     python examples/learned_model.py --evaluate acrobot.safetensors  in dm_control, with MuJoCo 3
 
 `value_iteration.py` looks ahead in the exact simulation. Here a network does it, the model. It is
