@@ -83,7 +83,7 @@ def scaled(found, expected):
 @pytest.mark.parametrize(
     "features",
     [  # whose kernels take long to compile
-        pytest.param(features, marks=pytest.mark.long) if "springs" in features else features
+        pytest.param(features, marks=[pytest.mark.long] * bool({"springs", "rotors"} & {*features}))
         for features in COMBINATIONS
     ],
     ids="-".join,

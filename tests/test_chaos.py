@@ -237,6 +237,7 @@ def test_a_pivot_that_is_accelerated_is_another_gravity():
     np.testing.assert_allclose(found[[0, 1, -2, -1]], expected, atol=1e-4)
 
 
+@pytest.mark.long
 def test_links_whose_weight_is_above_their_joint_flip_with_little_energy():
     chain = Chain([1.0, 1.0], [1.0, 1.0], centres=[1.0, -0.5], inertias=0.01)
     (found,) = chaos.flip_times(chain, [[0.0, 0.3]], duration=10.0)

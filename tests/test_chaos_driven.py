@@ -28,7 +28,13 @@ from npend_gym.physics import mass_matrix
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("size", "chaotic"), [(0.9, False), (1.15, True), (1.35, False), (1.5, True)]
+    ("size", "chaotic"),
+    [
+        (0.9, False),
+        (1.15, True),
+        pytest.param(1.35, False, marks=pytest.mark.nightly),
+        pytest.param(1.5, True, marks=pytest.mark.nightly),
+    ],
 )
 def test_exponents_of_the_driven_pendulum_are_those_of_another_integration(size, chaotic):
     expected, scatter = exponents_of(pendulum_rates(size), [0.2, 0.0], PERIOD, 230, 30)

@@ -10,6 +10,7 @@ from test_docs import ROOT
 from npend_gym import pseudo_periods, simulate
 
 
+@pytest.mark.long
 def test_the_force_is_the_rate_of_the_momentum_that_the_sensor_integrates():
     times = 0.3 + 1e-4 * np.arange(-1.0, 2.0)
     motion = simulate(ball_chain.BALLS, 0.8, 0.0, np.concatenate([[0.0], times]))
@@ -80,6 +81,7 @@ def test_a_wrong_zero_moves_the_period_by_it_times_the_period_over_the_force(tmp
     assert moved == pytest.approx(-offset * clean["mean"] / force, rel=0.1)
 
 
+@pytest.mark.long
 def test_angle_length_and_air_change_the_period_as_the_page_says():
     def period(angle, length=0.5, **fluid):
         chain = ball_chain.Chain.spheres(10, 0.010, length / 10, 7800.0, **fluid)

@@ -120,7 +120,7 @@ class Judged(SwingUp):
 
 
 @pytest.mark.parametrize("base", ["pivot", "cart"])
-@pytest.mark.parametrize("kind", ["points", "links"])
+@pytest.mark.parametrize("kind", ["points", pytest.param("links", marks=pytest.mark.long)])
 def test_the_distance_of_the_tip_and_the_velocity_of_a_cart_are_those_of_any_chain(base, kind):
     lengths = np.array([1.0, 0.4, 0.7])
     links = {"inertias": 0.1, "centres": 0.5 * lengths, "armature": 0.01} if kind == "links" else {}

@@ -152,7 +152,15 @@ def shorter(words):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", COMMANDS, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "page",
+    [
+        # other tests call what makes their pictures and tables
+        pytest.param(page, marks=[pytest.mark.nightly] * (page.stem in ("gallery", "robustness")))
+        for page in COMMANDS
+    ],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
 def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, monkeypatch):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for name, data in OWN.items():

@@ -118,7 +118,11 @@ RELEASES = {f"{n} rods": ({"n": n}, {}) for n in (1, 2, 3, 5, 10, 20)} | {
     "kind",
     [
         # kernels of their own take long to compile
-        pytest.param(kind, marks=pytest.mark.long) if "links" in kind else kind
+        pytest.param(
+            kind,
+            marks=[pytest.mark.long] * ("links" in kind)
+            + [pytest.mark.nightly] * (kind == "links of rods"),
+        )
         for kind in RELEASES
     ],
 )

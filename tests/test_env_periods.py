@@ -69,13 +69,17 @@ KINDS = {
     "a mode of one's own": {"n": 2, "mode": Lift()},
     "a release": {"n": 3, "mode": "passive"},
 }
-SLOW = "links", "a cart", "pieces of a step"  # to compile
+SLOW = {  # to compile
+    "links": [pytest.mark.long],
+    "a cart": [pytest.mark.long],
+    "pieces of a step": [pytest.mark.long, pytest.mark.nightly],
+}
 
 
 @pytest.mark.parametrize("lanes", [1, 3])
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(k, marks=pytest.mark.long) if k in SLOW else k for k in KINDS],
+    [pytest.param(k, marks=SLOW.get(k, [])) for k in KINDS],
 )
 def test_to_measure_changes_no_bit_of_what_is_shown(kind, lanes):
     with_periods, without = (

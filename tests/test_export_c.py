@@ -48,7 +48,9 @@ def check(library, policy, states, rounded, **options):
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "zig", "tcc"])
 @pytest.mark.parametrize("name", [
     "balance-1", "calm-10", *(pytest.param(name, marks=pytest.mark.long) for name in (
-        "balance-5-cart", "swingup-2-pendubot", "swingup-3-robust", "swingup-5", "transition-2",
+        "balance-5-cart", "swingup-2-pendubot", "transition-2",
+    )), *(pytest.param(name, marks=[pytest.mark.long, pytest.mark.nightly]) for name in (
+        "swingup-3-robust", "swingup-5",
     ))
 ])  # fmt: skip
 def test_c_observes_and_acts_as_python_does_in_many_states(name, compiler, tmp_path):

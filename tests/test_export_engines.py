@@ -151,8 +151,8 @@ def test_other_dynamics_would_be_noticed():
 @pytest.mark.parametrize(
     "name",
     [
-        "swingup-1",
         "balance-2",
+        pytest.param("swingup-1", marks=pytest.mark.nightly),
         pytest.param("swingup-2", marks=pytest.mark.nightly),
         pytest.param("swingup-3", marks=pytest.mark.nightly),
     ],

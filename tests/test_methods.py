@@ -101,6 +101,7 @@ def test_the_error_of_a_symplectic_method_falls_with_the_order_that_it_has(metho
     assert inside > min(order, 5) - 0.2
 
 
+@pytest.mark.long  # kernels of several methods
 @each_kind
 def test_symplectic_motions_of_all_chains_are_those_of_the_adaptive_method(kind):
     exact = moved(CHAINS[kind], rtol=1e-12, atol=1e-13)
@@ -114,9 +115,7 @@ def test_symplectic_motions_of_all_chains_are_those_of_the_adaptive_method(kind)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "kind", [k if k == "bobs" else pytest.param(k, marks=BY_NIGHT) for k in CHAINS]
-)
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=BY_NIGHT) for k in CHAINS])
 def test_a_symplectic_step_keeps_the_two_form_of_coordinates_and_momenta(kind):
     chain, m = CHAINS[kind], CHAINS[kind].coordinates
     form = np.block([[np.zeros((m, m)), np.eye(m)], [-np.eye(m), np.zeros((m, m))]])
@@ -207,6 +206,7 @@ def test_derivatives_of_symplectic_steps_are_those_of_differences(kind):
         assert np.sum(back.by_parameters[name]) == pytest.approx(along, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["tsit5", pytest.param("gauss6", marks=BY_NIGHT)])
 def test_events_signals_and_files_go_with_every_method(method, tmp_path):
     options = {"rtol": 1e-11, "atol": 1e-13} if method == "tsit5" else {"dt": 0.01}

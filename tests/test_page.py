@@ -148,6 +148,7 @@ def test_changed_results_are_refused(runs, tmp_path, refusal):
     assert "periods.csv has been changed since" in error
 
 
+@pytest.mark.long
 def test_the_page_of_springs_holds_places_within_the_picture(tmp_path):
     plan = ReleaseExperiment(
         chain=Chain([1.0, 1.0], [1.0, 1.0], stiffness=60.0), trials=1, duration=5.0

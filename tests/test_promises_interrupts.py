@@ -66,7 +66,13 @@ def test_interrupts_at_random_instants_tear_no_environment(envs, alarm, by_timer
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("count", "seed"), [(60, 0), (250, 1)], ids=["other process", "timer"])
+@pytest.mark.parametrize(
+    ("count", "seed"),
+    [
+        pytest.param(60, 0, id="other process", marks=pytest.mark.nightly),
+        pytest.param(250, 1, id="timer"),
+    ],
+)
 def test_hundreds_of_interrupts_in_processes_that_end_at_once_tear_nothing(
     count, seed, monkeypatch, capsys
 ):

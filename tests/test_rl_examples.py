@@ -630,6 +630,7 @@ print([picture.shape for picture in env.render()])
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_results_renews_the_rows_that_need_no_training(algorithms, call, tmp_path, monkeypatch):
     for name in ("results.md", "results/learning.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

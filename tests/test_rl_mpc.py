@@ -85,7 +85,8 @@ def test_it_swings_up_in_held_out_episodes(settled, keywords):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.nightly), 0.05])  # N m, of 2
+@pytest.mark.nightly
+@pytest.mark.parametrize("noise", [0.0, 0.05])  # N m, of 2
 def test_it_swings_up_a_chain_with_dry_friction_under_noise_of_the_torque(noise):
     keywords = {
         "chain": Chain.rods([0.3, 0.3], [0.3, 0.3], friction=[0.029, 0.0058]),

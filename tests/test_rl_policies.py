@@ -259,13 +259,18 @@ def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
     assert "swingup-99" not in pretrained_names()
 
 
+LONG = "pendubot", "smooth", "hardware", "robust", "transition-3", "calm-50"
+
+
 @pytest.mark.parametrize(
     "name",
     [
         # kernels of links take long to compile, and many steps of many rods long to take
-        pytest.param(name, marks=pytest.mark.long)
-        if name.endswith(("pendubot", "smooth", "hardware", "robust", "transition-3", "calm-50"))
-        else name
+        pytest.param(
+            name,
+            marks=[pytest.mark.long] * name.endswith(LONG)
+            + [pytest.mark.nightly] * (name == "calm-50"),
+        )
         for name in pretrained_names()
     ],
 )

@@ -129,6 +129,7 @@ def test_smooth_policies_are_ahead_in_the_other_published_scores_too(name, robus
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 @pytest.mark.parametrize(("robot", "least"), [("pendubot", 0.721), ("acrobot", 0.65)])
 def test_policies_below_the_limits_of_speed_are_up_longer_by_the_rule_of_the_robot(robot, least):
     usual, slow = (Policy.pretrained(f"swingup-2-{robot}{word}") for word in ("", "-hardware"))

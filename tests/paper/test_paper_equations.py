@@ -116,6 +116,7 @@ def test_the_error_of_the_papers_period_tends_to_that_of_a_hanging_rope():
     assert frequencies.period_ratio(Chain.uniform(2000)) == pytest.approx(limit, rel=5e-4)
 
 
+@pytest.mark.long
 def test_runge_kutta_has_its_orders():
     local, after = integrators.runge_kutta_errors()
     np.testing.assert_allclose(local[:-1] / local[1:], 32.0, rtol=0.1)

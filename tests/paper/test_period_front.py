@@ -70,6 +70,7 @@ def test_the_kept_file_has_a_row_for_each_place(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_the_kept_accelerations_are_those_that_are_measured_now():
     for found in front.measured(1600, 0.5):
         kept = front.kept_at(0.5, found.x)
