@@ -310,6 +310,7 @@ assert main(["simulate", "-n", "2", "--duration", "1", "--method", "bs23"]) == 0
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_an_integrator_with_all_that_belongs_to_it_takes_two_files(tmp_path):
     environment = changed_copy(tmp_path, [ADDED])
     added = tmp_path / "npend_gym" / "physics" / "kernels" / "bs23.py"
