@@ -72,7 +72,9 @@ def far_motion(case):
     return simulate(Chain.dm_control("cartpole", 2), 2.5, 0.0, times, velocity=3.0)
 
 
-@pytest.mark.parametrize("case", ["springs", "links on a cart"])
+@pytest.mark.parametrize(
+    "case", [pytest.param("springs", marks=pytest.mark.long), "links on a cart"]
+)
 def test_the_tip_is_in_every_picture_of_a_film_that_keeps_one_scale(case):
     motion = far_motion(case)
     shown = Film(record_motion(motion), size=240, diagrams=False)

@@ -193,6 +193,7 @@ def test_links_on_stiff_springs_follow_rigid_links():
     np.testing.assert_allclose(errors[0] / errors[1], 10.0, rtol=0.05)
 
 
+@pytest.mark.long
 def test_a_link_whose_spring_is_pushed_through_its_joint_is_named():
     chain = Chain([1.0], [1.0], centres=[0.4], inertias=[0.05], stiffness=1.0)
     with pytest.raises(physics.IntegrationError, match="or a rod has no length left"):

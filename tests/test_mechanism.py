@@ -33,6 +33,14 @@ PARTS = {
     "springs": {"stiffness": [90.0, 60.0, 120.0], "axial_damping": [0.4, 0.0, 1.0]},
 }
 PARTS["springs on a cart"] = PARTS["cart"] | PARTS["springs"]
+
+
+def each(mechanism, *more):
+    """Return a case of a test; kernels of springs take long to compile."""
+    marks = [pytest.mark.long] * ("springs" in mechanism)
+    return pytest.param(mechanism, *more, marks=marks)
+
+
 TIMES = np.linspace(0.0, 1.0, 11)
 
 
@@ -102,7 +110,7 @@ def dense_mass_matrix(chain, q):
     return matrix
 
 
-@pytest.mark.parametrize("mechanism", PARTS)
+@pytest.mark.parametrize("mechanism", [*map(each, PARTS)])
 def test_mass_matrix_and_kinetic_energy_are_those_of_all_bobs_and_the_cart(mechanism):
     chain = chain_of(mechanism)
     for seed in range(3):
@@ -117,7 +125,7 @@ def test_mass_matrix_and_kinetic_energy_are_those_of_all_bobs_and_the_cart(mecha
     np.testing.assert_array_equal(mass_matrix(chain, many[:, :3], **own)[2], found)
 
 
-@pytest.mark.parametrize("mechanism", PARTS)
+@pytest.mark.parametrize("mechanism", [*map(each, PARTS)])
 def test_the_derivatives_of_the_momenta_are_those_of_the_mass_matrix_times_the_rates(mechanism):
     chain = chain_of(mechanism)
     m = chain.coordinates
@@ -132,7 +140,7 @@ def test_the_derivatives_of_the_momenta_are_those_of_the_mass_matrix_times_the_r
 
 RAISED = pytest.mark.parametrize(
     ("mechanism", "raised"),
-    [*((each, None) for each in PARTS), *((each, (2.3, -1.4)) for each in ("pivot", "springs"))],
+    [*(each(k, None) for k in PARTS), *(each(k, (2.3, -1.4)) for k in ("pivot", "springs"))],
 )
 
 
@@ -154,7 +162,7 @@ def test_accelerations_of_all_coordinates_are_those_of_the_lagrangian(mechanism,
         np.testing.assert_allclose(found[k], expected, rtol=1e-10, atol=1e-10)
 
 
-@pytest.mark.parametrize("mechanism", PARTS)
+@pytest.mark.parametrize("mechanism", [*map(each, PARTS)])
 def test_the_linearisation_has_all_coordinates_and_the_force_behind_the_joints(mechanism):
     chain = chain_of(mechanism, damping=0.3, drag=0.2)
     (q, u), m = moving(chain), chain.coordinates

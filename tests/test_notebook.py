@@ -67,7 +67,15 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("chain", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize(
+    "chain",
+    [  # kernels of the others take long to compile
+        pytest.param(
+            chain, id=kind, marks=[pytest.mark.long] * (kind in ("springs", "links on a cart"))
+        )
+        for kind, chain in KINDS.items()
+    ],
+)
 def test_motions_are_plotted_together_in_colours_of_their_own(chain):
     import matplotlib.pyplot as plt
 
