@@ -13,18 +13,16 @@ other steps of the simulation are learned from; the learning curve has 100 more 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import torch
 import value_iteration as exact
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from npend_gym.envs import EnvConfig
 from npend_gym.physics import DifferentiableEnsemble
+from npend_gym.tools import FloatArray
 
-FloatArray = NDArray[np.float64]
 TICK = 0.01  # s: a step of dm_control
 TICKS, SPAN = round(exact.HOLD / TICK), 5  # steps of an action, and of the model
 REWARDED = 0.4, 0.8  # parts of its step at whose ends there are rewards
@@ -109,7 +107,10 @@ class Learner(exact.Learner):
         self.model = Model(settings.model_hidden)
         self.fitter = torch.optim.Adam(self.model.parameters())
         self.futures = LearnedFutures(settings, self.model)
-        self.config = EnvConfig(**settings.env)
+        config = self.futures.config
+        self.recorder = cache(
+            lambda size: DifferentiableEnsemble(config.chain, size, joints=config.actuated)
+        )
         self.recorded: list[list[Tensor]] = [[], [], []]  # given, changes, derivatives
         shares = np.geomspace(settings.first_round, settings.last_round, settings.rounds)
         self.due = {round(settings.updates * share) for share in shares}
@@ -139,7 +140,7 @@ class Learner(exact.Learner):
     def record(self, states: FloatArray, actions: FloatArray) -> FloatArray:
         """Take an action in each state; record the motion, and return where it ends, (B, 4)."""
         limit, size = self.futures.torque, len(states)
-        moved = DifferentiableEnsemble(self.config.chain, size, joints=self.config.actuated)
+        moved = self.recorder(size)
         moved.set_state(slice(None), states[:, :2], states[:, 2:])
         path, steps = [states], []
         for _ in range(TICKS):

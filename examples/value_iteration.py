@@ -27,7 +27,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from npend_gym.envs import EnvConfig
@@ -35,8 +34,8 @@ from npend_gym.physics import Ensemble
 from npend_gym.report import prepare_file, write_csv
 from npend_gym.rl import HELD_OUT, Policy
 from npend_gym.rl.training import Checkpoint, Curve, Stopwatch, TrainingSettings, policy_of
+from npend_gym.tools import FloatArray
 
-FloatArray = NDArray[np.float64]
 SCRIPT = "examples/value_iteration.py"  # named in the record of the policy
 HOLD, SUBSTEPS = 0.1, 5  # s of an action; Runge-Kutta steps in it, a reward after each of them
 ENV = {
@@ -80,7 +79,8 @@ class Futures:
 
     def __init__(self, settings: Settings) -> None:
         config = EnvConfig(**settings.env)
-        self.torque, self.lengths = config.action_limits[0], config.chain.lengths
+        self.config, self.lengths = config, config.chain.lengths
+        self.torque = config.action_limits[0]
         self.discount = math.exp(-HOLD / settings.horizon)
         self.ensemble = cache(lambda size: Ensemble(config.chain, size, joints=config.actuated))
 
@@ -269,7 +269,7 @@ def main(kind: type[Learner] = Learner, about: str | None = __doc__) -> None:
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--updates", type=int, default=Settings.updates)
+    parser.add_argument("--updates", type=int, default=kind.settings_type.updates)
     parser.add_argument("--out", type=Path, default=Path("acrobot.safetensors"), metavar="FILE")
     parser.add_argument("--evaluate", type=Path, metavar="FILE", help="a policy, in dm_control")
     parser.add_argument("--episodes", type=int, default=20, help="of --evaluate")

@@ -234,7 +234,7 @@ def test_every_keyword_has_a_strategy():
 
 
 @pytest.mark.long
-@settings(max_examples=30, phases=QUICKLY)
+@settings(max_examples=50, phases=QUICKLY)
 @given(combinations(), AUTORESET, st.integers(2, 6), st.integers(0, 2**70))
 def test_any_combination_of_keywords_keeps_every_promise(keywords, autoreset, steps, seed):
     check(keywords, autoreset, steps, seed)

@@ -43,9 +43,9 @@ from npend_gym.envs.settings import (
     OF_SENSORS,
     RULES,
     EnvSettings,
-    angle,
 )
 from npend_gym.envs.values import CartOnRail, Motors, Sensors, unfolded
+from npend_gym.physics.arguments import plain_angle
 from npend_gym.physics.energy import sincos
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import (
@@ -139,7 +139,7 @@ class EnvConfig(EnvSettings):
         if "spread" in random.names:
             width_of_starts(random.ends("spread", 0.0)[1], mode, given["max_tilt"])
         if "amplitude" in random.names:
-            angle("amplitude", max(random.ends("amplitude", 0.0), key=abs))
+            plain_angle("amplitude", max(random.ends("amplitude", 0.0), key=abs))
         motors = sum(joint < chain.n for joint in joints)
         check_limits(largest, mode, given["dt"], motors)
         if on_cart and motors == 0 and "max_torque" in random.names:

@@ -22,9 +22,9 @@ from npend_gym.envs.settings import (
     CartKeywords,
     MotorKeywords,
     SensorKeywords,
-    angle,
 )
 from npend_gym.envs.values import CartOnRail, Motors, Sensors, described
+from npend_gym.physics.arguments import plain_angle
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
 CART_KEYWORDS = [each.name for each in fields(CartOnRail)]
@@ -268,7 +268,7 @@ def width_of_starts(spread: Any, mode: Mode, max_tilt: float | None) -> float:
             f"spread must be less than max_tilt, {max_tilt:g} rad, beyond which episodes end, got "
             f"{spread:g}: give a larger max_tilt, or None"
         )
-    return angle("spread", spread)
+    return plain_angle("spread", spread)
 
 
 def checked_cart(

@@ -14,12 +14,10 @@ from dataclasses import Field, dataclass, field, fields
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from typing_extensions import TypedDict
 
 from npend_gym import _checks
-from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.physics.arguments import warn_of_degrees
+from npend_gym.physics.arguments import plain_angle
 from npend_gym.physics.kernels.layout import MAX_SPEED
 
 if TYPE_CHECKING:
@@ -39,8 +37,10 @@ class Limit(NamedTuple):
     why: str
 
 
-def keyword(default: Any, text: str, rule: Rule | None = None, *, of_lane: bool = False,
-            limit: Limit | None = None) -> Any:  # fmt: skip
+def keyword(
+    default: Any, text: str, rule: Rule | None = None, *, of_lane: bool = False,
+    limit: Limit | None = None,
+) -> Any:  # fmt: skip
     """Return a field for a keyword; `of_lane`: kernels read it, and each lane has a value of it."""
     about = {"text": text, "rule": rule, "of_lane": of_lane, "limit": limit}
     return field(default=default, metadata=about)
@@ -49,13 +49,6 @@ def keyword(default: Any, text: str, rule: Rule | None = None, *, of_lane: bool 
 def _error(text: str, limit: Limit | None = None) -> Any:
     """Return a field for what an environment's motor or sensor does not do ideally; 0 is ideal."""
     return keyword(0.0, text, _checks.nonnegative_number, of_lane=True, limit=limit)
-
-
-def angle(name: str, value: Any) -> float:
-    """Return `value` as an angle [rad] that sines know, and warn where it looks like degrees."""
-    number = _checks.number(name, value)
-    warn_of_degrees(name, _checks.within(name, np.array(number), 0.5 * MAX_ANGLE))
-    return number
 
 
 def _tilt(name: str, value: Any) -> float | None:
@@ -303,7 +296,7 @@ class EnvSettings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         'Whether pseudo-periods are measured, and are in the info; by default in mode "passive" '
         "alone. Steps are faster without them.",
     )
-    amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", angle, of_lane=True)
+    amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", plain_angle, of_lane=True)
     spread: float = keyword(
         None,
         "Width of the random starts [rad]: a release is from `amplitude` plus a draw from [0, "
@@ -334,8 +327,9 @@ FIELDS: dict[str, Field[Any]] = EnvSettings.__dataclass_fields__ | {
         "The keywords of a cart as one value, `npend_gym.envs.CartOnRail`, or the dict of it.",
     ),
 }
-_RULES = {name: each.metadata["rule"] for name, each in FIELDS.items()}
-RULES: dict[str, Rule] = {name: rule for name, rule in _RULES.items() if rule}
+RULES: dict[str, Rule] = {
+    name: rule for name, each in FIELDS.items() if (rule := each.metadata["rule"])
+}
 OF_LANES = [name for name, each in FIELDS.items() if each.metadata["of_lane"]]
 OF_CART = [each.name for each in fields(CartSettings) if each.name in OF_LANES]
 OF_STARTS = ["amplitude", "spread"]

@@ -156,6 +156,13 @@ def warn_of_degrees(name: str, angles: FloatArray) -> None:
         ask_about_degrees(name, float(largest))
 
 
+def plain_angle(name: str, value: Any) -> float:
+    """Return `value` as an angle [rad] that sines know, and warn where it looks like degrees."""
+    number = _checks.number(name, value)
+    warn_of_degrees(name, _checks.within(name, np.array(number), 0.5 * MAX_ANGLE))
+    return number
+
+
 def ask_about_degrees(name: str, largest: float) -> None:
     """Warn that angles up to `largest` may be degrees."""
     warn_caller(

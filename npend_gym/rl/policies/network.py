@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym.rl.policies.files import Float32Array
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def _check_signals(layers: Layers, offset: Float32Array | None, functions: dict[
         )
 
 
-def as_float32(name: str, given: Any) -> Float32Array:
+def _as_float32(name: str, given: Any) -> Float32Array:
     """Return numbers as an array of float32, as a file holds them, that nothing else changes."""
     try:
         raw = np.asarray(given)
@@ -126,30 +127,48 @@ def arrays_of(policy: Policy) -> dict[str, Float32Array]:
     return arrays
 
 
-class DenseNetwork:
-    """What the numbers of a policy compute.
+def numbers_of(policy: Policy) -> dict[str, Any]:
+    """Return scale, offset, weights and biases, by name, as arrays of float32 where they are given.
+
+    Raises
+    ------
+    TypeError
+        If one of them has something else than numbers.
+    """
+    numbers: dict[str, Any] = {"scale": _as_float32("scale", policy.scale)}
+    if policy.offset is not None:
+        numbers["offset"] = _as_float32("offset", policy.offset)
+    for name in ("weights", "biases"):
+        layers = _checks.listed(name, getattr(policy, name), "[first, second]")
+        numbers[name] = [_as_float32(f"{name}[{k}]", each) for k, each in enumerate(layers)]
+    return numbers
+
+
+def layers_of(policy: Policy) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the weights, (inputs, outputs), and biases of each layer in float64."""
+    pairs = zip(policy.weights, policy.biases, strict=True)
+    return [(weight.T.astype(np.float64), bias.astype(np.float64)) for weight, bias in pairs]
+
+
+def forward(
+    policy: Policy, layers: list[tuple[FloatArray, FloatArray]], observed: Float32Array
+) -> Float32Array:
+    """Return the actions, (..., joints), for observations, (..., k), or frames of a memory.
 
     Sums in float64 are rounded to float32. So it hardly ever shows in which order a processor
-    sums, which depends on its kind, the number of threads and of environments.
+    sums, which depends on its kind, the number of threads and of environments. `layers` are those
+    of `layers_of`.
     """
-
-    def __init__(self, policy: Policy) -> None:
-        self._policy = policy
-        pairs = zip(policy.weights, policy.biases, strict=True)
-        self._layers = [(weight.T.astype(float), bias.astype(float)) for weight, bias in pairs]
-
-    def __call__(self, observed: Float32Array) -> Float32Array:
-        """Return the actions, (..., joints), for observations, (..., k), or frames of a memory."""
-        policy, signal = self._policy, observed.astype(np.float64)
-        signal = (signal if policy.offset is None else signal - policy.offset) / policy.scale
-        if policy.limit != math.inf:
-            signal = np.clip(signal, -policy.limit, policy.limit)
-        if policy.has_memory:
-            signal = signal.reshape(len(signal), -1)
-        *hidden, last = self._layers
-        for weight, bias in hidden:
-            signal = signal @ weight + bias
-            signal = np.tanh(signal) if policy.activation == "tanh" else np.maximum(signal, 0.0)
-        mean = signal @ last[0] + last[1]
-        action = np.tanh(mean) if policy.output == "tanh" else np.clip(mean, -1.0, 1.0)
-        return action.astype(np.float32)
+    signal = observed.astype(np.float64)
+    signal = (signal if policy.offset is None else signal - policy.offset) / policy.scale
+    if policy.limit != math.inf:
+        signal = np.clip(signal, -policy.limit, policy.limit)
+    if policy.has_memory:
+        signal = signal.reshape(len(signal), -1)
+    *hidden, last = layers
+    for weight, bias in hidden:
+        signal = signal @ weight + bias
+        signal = np.tanh(signal) if policy.activation == "tanh" else np.maximum(signal, 0.0)
+    mean = signal @ last[0] + last[1]
+    action = np.tanh(mean) if policy.output == "tanh" else np.clip(mean, -1.0, 1.0)
+    return action.astype(np.float32)

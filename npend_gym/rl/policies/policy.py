@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym._extras import require
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.policies.checks import check_about, check_env, check_trust
@@ -27,12 +28,13 @@ from npend_gym.rl.policies.files import (
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.network import (
     USUAL,
-    DenseNetwork,
     arrays_of,
-    as_float32,
     check_functions,
     check_network,
     dense_layers,
+    forward,
+    layers_of,
+    numbers_of,
 )
 
 if TYPE_CHECKING:
@@ -102,23 +104,16 @@ class Policy:
     activation: str = "tanh"
     output: str = "clip"
     _history: History | None = field(init=False, repr=False, compare=False)
-    _network: DenseNetwork = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         functions = check_functions(self._functions)
         object.__setattr__(self, "limit", functions["limit"])  # no scalar of NumPy
         check_about(self.env, self.provenance)
-        given = {"scale": self.scale} | ({} if self.offset is None else {"offset": self.offset})
-        for name, numbers in given.items():
-            object.__setattr__(self, name, as_float32(name, numbers))
-        for name in ("weights", "biases"):
-            layers = _checks.listed(name, getattr(self, name), "[first, second]")
-            arrays = [as_float32(f"{name}[{k}]", each) for k, each in enumerate(layers)]
-            object.__setattr__(self, name, arrays)
+        for name, numbers in numbers_of(self).items():
+            object.__setattr__(self, name, numbers)
         check_network((self.scale, self.weights, self.biases), self.offset, functions)
         history = History(self.scale.shape, len(self.biases[-1])) if self.scale.ndim == 2 else None
         object.__setattr__(self, "_history", history)
-        object.__setattr__(self, "_network", DenseNetwork(self))
         if self.env:
             check_env(plain_keywords(self.env), self.observed, len(self.biases[-1]))
 
@@ -196,9 +191,9 @@ class Policy:
             check_observation(self.config, observation, info)
         observation = np.asarray(observation, np.float32)
         if self._history is None:
-            return self._network(observation)
+            return forward(self, self._layers, observation)
         frames = self._history.remember(np.atleast_2d(observation), info)
-        action = self._network(frames)
+        action = forward(self, self._layers, frames)
         self._history.act(action)
         return action[0] if np.ndim(observation) == 1 else action
 
@@ -234,6 +229,10 @@ class Policy:
         from npend_gym.envs.config import EnvConfig  # heavy
 
         return EnvConfig(**self.env)
+
+    @cached_property
+    def _layers(self) -> list[tuple[FloatArray, FloatArray]]:
+        return layers_of(self)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the policy to a file: numbers, `env` and `provenance`.
