@@ -12,11 +12,11 @@ from npend_gym.rl import evaluate, recovery
 torch = pytest.importorskip("torch")
 
 from npend_gym.rl.training.keywords import with_wider_ranges  # noqa: E402
+from npend_gym.rl.training.knock_downs import knocked_down  # noqa: E402
 from npend_gym.rl.training.shac import Learner, Settings, settings_of, train  # noqa: E402
 from npend_gym.rl.training.short_horizons import (  # noqa: E402
     Collector,
     TensorTask,
-    knocked_down,
 )
 from npend_gym.rl.training.tasks import env_of_task  # noqa: E402
 from npend_gym.torch import DifferentiableVectorEnv  # noqa: E402
@@ -240,27 +240,33 @@ def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("turns", [0.0, 1.0])
 @pytest.mark.parametrize(
     ("rule", "steps", "stiffness", "most", "damping"),
     [("simulation", 10, 10.0, np.inf, 1.0), ("hardware", 50, 2.0, 3.0, 0.6)],
 )
 def test_starts_are_states_in_which_the_motors_of_recovery_leave_an_upright_chain(
-    rule, steps, stiffness, most, damping
+    rule, steps, stiffness, most, damping, turns
 ):
     keywords = env_of_task("swingup-2-pendubot")
     config = EnvConfig(**keywords)
-    found = knocked_down(config, np.random.default_rng(0), count=4, rule=rule)
+    found = knocked_down(config, np.random.default_rng(0), count=4, rule=rule, turns=turns)
     rng = np.random.default_rng(0)
     goal = rng.uniform(-np.pi, np.pi, (4, 2))
     theta, omega = rng.normal(np.pi, 0.05, (4, 2)), rng.normal(0.0, 0.2, (4, 2))
+    upright = np.diff(theta, prepend=0.0)
+    goal = upright + np.angle(np.exp(1j * (goal - upright)))
+    if turns > 0.0:
+        whole = np.rint(rng.normal(0.0, turns, (4, 2)))
+        assert whole.any()
+        goal += 2.0 * np.pi * whole
     env = gym.make("NPendulum-v0", **keywords, actuated=(0, 1))
     for k in range(4):
         _, info = env.reset(options={"theta": theta[k], "omega": omega[k]})
         for _ in range(steps):  # of 0.02 s
             joints, speeds = (np.diff(info[key], prepend=0.0) for key in ("theta", "omega"))
-            error = np.angle(np.exp(1j * (goal[k] - joints)))
             weights = 9.81 * config.chain.lift * np.sin(info["theta"])
-            pull = np.clip(stiffness * error, -most, most)
+            pull = np.clip(stiffness * (goal[k] - joints), -most, most)
             torque = pull - damping * speeds + [weights.sum(), weights[1]]  # N m
             info = env.step(np.clip(torque / 6.0, -1.0, 1.0))[-1]
         reached = np.concatenate([info["theta"], info["omega"]])

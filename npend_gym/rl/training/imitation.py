@@ -45,8 +45,8 @@ from npend_gym.rl.training.experts import Expert, expert_of, rescuing_policy
 from npend_gym.rl.training.goal_networks import GoalNetworks
 from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
 from npend_gym.rl.training.keywords import OF_IMITATION, used_config
+from npend_gym.rl.training.knock_downs import knocked_down
 from npend_gym.rl.training.optimizers import Optimizer, Spring
-from npend_gym.rl.training.short_horizons import knocked_down
 from npend_gym.rl.training.tasks import (
     Curve,
     check_settings,
@@ -104,7 +104,8 @@ class DAgger:
         self.failed: FloatArray = np.ones(len(expert.pairs))  # share of the episodes, lately
         self.down = np.zeros((0, config.state_size))  # states to start from
         if settings.disturbed > 0.0:
-            self.down: FloatArray = knocked_down(config, np.random.default_rng(settings.seed))
+            rng = np.random.default_rng(settings.seed)
+            self.down: FloatArray = knocked_down(config, rng, turns=settings.turns)
         self.updates: int = 0  # so far
         self.distance = math.inf  # of the learner's actions from the expert's, in `learn`
 

@@ -24,6 +24,7 @@ class Settings(TrainingSettings):
     error_weight: float = 0.0  # of slightly wrong chains, and of lags, where plans are compared
     rescuer: str = ""  # acts where an expert has lost the chain: a policy or its file, or "mpc"
     disturbed: float = 0.0  # share of the episodes that start after a knock-down, with a rescuer
+    turns: float = 0.0  # standard deviation of whole turns by which these turn joints further
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     chain_factors: int = 4  # below 1 and above, of each parameter of a rod that may be wrong
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest

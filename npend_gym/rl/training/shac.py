@@ -69,6 +69,7 @@ class Settings(TrainingSettings):
     speed: float = 2.5  # deviation of angular velocities of starts anywhere [rad/s]
     knocked: float = 0.0  # share of the episodes that start after a knock-down
     rule: str = "simulation"  # of these knock-downs, as for `recovery`
+    turns: float = 0.0  # standard deviation of whole turns by which these turn joints further
     uptime: float = 0.0  # share of the reward that is for a tip where `recovery` counts it as up
     max_speed: float = 0.0  # of joints [rad/s]; beyond, they cost reward; 0: nowhere
     margin: float = 0.0  # by which ranges of `randomize` are wider, see `with_wider_ranges`
@@ -280,6 +281,8 @@ _RECOVERY = _ROBOT | {
 _HARDWARE = _RECOVERY | {  # knock-downs leave chains nearly at rest, and speed causes more of them
     "total_timesteps": 240_000, "knocked": 0.8, "rule": "hardware", "speed": 4.0, "max_speed": 18.0,
 }  # fmt: skip
+# `recovery` turns joints back by all their whole turns: fast starts, which differ more
+_TURNED = {"num_envs": 64, "batch_size": 128, "obs_scale": (1.0, 1.0, 12.0)}
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 144_000},
@@ -298,9 +301,10 @@ TASKS: dict[str, dict[str, Any]] = {
     "calm-10": {"total_timesteps": 144_000},
     "swingup-2-pendubot": _ROBOT,
     "swingup-2-pendubot-recovery": _RECOVERY,
-    "swingup-2-pendubot-hardware": _HARDWARE,
+    "swingup-2-pendubot-hardware": _HARDWARE | _TURNED | {"total_timesteps": 480_000, "turns": 0.7},
     "swingup-2-acrobot": _ROBOT,
     "swingup-2-acrobot-hardware": _HARDWARE,
+    "swingup-2-acrobot-recovery": _RECOVERY | _TURNED | {"total_timesteps": 640_000, "turns": 1.2},
 }
 
 

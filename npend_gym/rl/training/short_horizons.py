@@ -18,9 +18,8 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.modes import Calm
 from npend_gym.envs.outputs import EpisodeStarts
-from npend_gym.physics import DifferentiableEnsemble, Ensemble
+from npend_gym.physics import DifferentiableEnsemble
 from npend_gym.physics.energy import lift_from
-from npend_gym.rl.angles import wrap
 from npend_gym.rl.controllers.step_model import (
     joined,
     loads_of,
@@ -29,10 +28,9 @@ from npend_gym.rl.controllers.step_model import (
     set_states,
     states_of,
 )
-from npend_gym.rl.evaluation.disturbances import holding_torques
 from npend_gym.rl.evaluation.performance import UP
-from npend_gym.rl.evaluation.recovery import RULES, Rule
 from npend_gym.rl.evaluation.seeds import episode_seeds
+from npend_gym.rl.training.knock_downs import knocked_down
 from npend_gym.rl.training.tasks import observation_scale
 from npend_gym.torch.judging import Lanes, TensorState, judge, observe
 
@@ -43,8 +41,6 @@ _OF_LANES = (
 _UP_WIDTH = 0.04  # of the length, within which `uptime` begins to pay
 _TOO_FAST = 20.0  # steps upright that a joint at twice the `max_speed` costs in a step
 _MIDDLE = 0.5  # of half the rail, where carts start
-# Here the motors of the simulation have half the damping of `recovery`
-_KNOCKS = RULES | {"simulation": RULES["simulation"]._replace(damping=1.0 / 6.0)}
 
 
 class TensorTask:
@@ -196,39 +192,6 @@ class Horizons(NamedTuple):
     context: torch.Tensor  # what was drawn for the episode, (horizons, k)
 
 
-def knocked_down(
-    config: EnvConfig, rng: np.random.Generator, count: int = 2000, rule: str = "simulation"
-) -> FloatArray:
-    """Return states, (count, 2c), in which upright chains are left by a knock-down.
-
-    A proportional-differential controller with compensation of gravity turns all joints. It is
-    simpler than the motors of `recovery`: its steps are those of the environment, and it turns
-    joints the short way.
-    """
-    knock = _KNOCKS[rule]
-    n, goal = config.n, rng.uniform(-math.pi, math.pi, (count, config.n))
-    lanes = Ensemble(config.chain, count, joints=range(n))
-    lanes.set_state(
-        slice(None), rng.normal(math.pi, 0.05, (count, n)), rng.normal(0.0, 0.2, (count, n))
-    )
-    for _ in range(round(knock.seconds / config.dt)):
-        torque = _turning(config, goal, lanes.theta, lanes.omega, knock)
-        lanes.advance(torque, config.dt, config.substeps)
-    return states_of(config, lanes)
-
-
-def _turning(
-    config: EnvConfig, goal: FloatArray, theta: FloatArray, omega: FloatArray, knock: Rule
-) -> FloatArray:
-    """Return the torques at all joints [N m], (B, n), that turn them to their goals [rad]."""
-    angle = np.diff(theta, axis=1, prepend=0.0)
-    speed = np.diff(omega, axis=1, prepend=0.0)
-    pull = np.clip(knock.stiffness * wrap(goal - angle), -knock.most, knock.most)
-    drive = config.max_torque * (pull - knock.damping * speed)
-    drive += holding_torques(config.chain, theta)
-    return np.clip(drive, -config.max_torque, config.max_torque)
-
-
 class Collector:
     """Simulates many lanes with the actor and noise, and keeps the Jacobians of all steps."""
 
@@ -250,7 +213,9 @@ class Collector:
         self.noise = np.zeros((size, config.joints.size))
         self.knocked = np.zeros((0, config.state_size))  # states to start from
         if settings.knocked > 0.0:
-            self.knocked: FloatArray = knocked_down(config, self.rng, rule=settings.rule)
+            self.knocked: FloatArray = knocked_down(
+                config, self.rng, rule=settings.rule, turns=settings.turns
+            )
         self.restart(everywhere)
         self.age: NDArray[np.int64] = self.rng.integers(0, settings.episode, size)
 
