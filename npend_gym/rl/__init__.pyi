@@ -8,6 +8,7 @@ from npend_gym.rl.benchmarking.results import BenchmarkRun as BenchmarkRun
 from npend_gym.rl.benchmarking.results import read_benchmarks as read_benchmarks
 from npend_gym.rl.benchmarking.suites import SUITES as SUITES
 from npend_gym.rl.controllers.energy_shaping import energy_swing_up as energy_swing_up
+from npend_gym.rl.controllers.estimation import FromAngles as FromAngles
 from npend_gym.rl.controllers.feedback import state_feedback as state_feedback
 from npend_gym.rl.controllers.mpc import MPC as MPC
 from npend_gym.rl.controllers.planning import planned_swing_up as planned_swing_up

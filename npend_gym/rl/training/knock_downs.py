@@ -29,8 +29,8 @@ def knocked_down(
 
     A proportional-differential controller with compensation of gravity turns all joints. It is
     simpler than the motors of `recovery`: its steps are those of the environment. It turns joints
-    the short way, and further by whole turns with the standard deviation `turns`, as `recovery`
-    does after a swing-up in which joints turned over. Such states differ more, so that there are
+    the short way, and further by whole turns with the standard deviation `turns`. `recovery` does
+    so after a swing-up in which joints turned over. Such states differ more, so that there are
     20 000 of them, else 2000.
     """
     knock, n = _KNOCKS[rule], config.n
