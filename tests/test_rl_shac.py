@@ -1,5 +1,7 @@
 """SHAC: its gradients are those of the environment, and it learns from them."""
 
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from npend_gym.rl import evaluate, recovery
 
 torch = pytest.importorskip("torch")
 
+from npend_gym.rl.training import shac  # noqa: E402
 from npend_gym.rl.training.keywords import with_wider_ranges  # noqa: E402
 from npend_gym.rl.training.knock_downs import knocked_down  # noqa: E402
 from npend_gym.rl.training.shac import Learner, Settings, settings_of, train  # noqa: E402
@@ -272,6 +275,27 @@ def test_starts_are_states_in_which_the_motors_of_recovery_leave_an_upright_chai
         reached = np.concatenate([info["theta"], info["omega"]])
         np.testing.assert_allclose(found[k], reached, rtol=1e-5, atol=1e-5)
     env.close()
+
+
+@pytest.mark.parametrize(("successes", "chosen"), [([0.5, 1.0, 0.2], 1), ([0.5, 1.0, 0.95], 2)])
+def test_a_run_that_forgets_what_it_had_learned_returns_its_best_policy(
+    monkeypatch, successes, chosen
+):
+    played = []
+
+    def trial(policy, *_, **__):
+        played.append(policy)
+        return SimpleNamespace(returns=np.ones(2), success_rate=successes[len(played) - 1])
+
+    monkeypatch.setattr(shac, "evaluate", trial)
+    few = {"total_timesteps": 240, "num_envs": 8, "updates": 1}
+    settings = settings_of("swingup-1", **few)
+    policy, curve = train(settings)
+    assert [row["success"] for row in curve] == successes
+    for mine, theirs in zip(policy.weights, played[chosen].weights, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert policy.provenance["training"]["success"] == successes[chosen]
+    assert policy.provenance["training"]["steps"] == 80 * (chosen + 1)
 
 
 def test_a_task_that_draws_its_start_in_python_can_be_learned():

@@ -40,6 +40,8 @@ from npend_gym.rl.training.tasks import (
     policy_of,
 )
 
+_FORGOTTEN = 0.1  # of success: a run that has lost more returns to its best policy
+
 
 @dataclass(frozen=True)
 class Settings(TrainingSettings):
@@ -78,7 +80,7 @@ class Settings(TrainingSettings):
 class Learner:
     """The actor, the critic and the critic's target, with what has been simulated lately."""
 
-    changes: tuple[str, ...] = ("actor", "critic", "target", "memory", "optimizers")
+    changes: tuple[str, ...] = ("actor", "critic", "target", "memory", "optimizers", "best")
 
     def __init__(self, task: TensorTask, actions: int, settings: Settings) -> None:
         self.task: TensorTask = task
@@ -94,6 +96,7 @@ class Learner:
             "critic": Optimizer(self.critic, settings.critic_learning_rate, muon, (0.9, 0.98)),
         }
         self.share: float = 1.0  # of the learning rates
+        self.best: dict[str, Any] = {"success": 0.0}  # of the rows of the curve, with its actor
 
     def sample(self, memory: Horizons) -> Horizons:
         """Return some horizons; a quarter of them are of the last call of the collector."""
@@ -184,6 +187,18 @@ class Learner:
         nn.utils.clip_grad_norm_(optimizer.network.parameters(), self.settings.max_grad_norm)
         optimizer.step(self.share)
 
+    def keep(self, row: dict[str, float]) -> None:
+        """Keep the actor of a row of the curve, unless an earlier one succeeded more often."""
+        if row["success"] >= self.best["success"]:
+            self.best = row | {"actor": copy.deepcopy(self.actor.state_dict())}
+
+    def final(self, last: dict[str, Any]) -> Policy:
+        """Policy of the last row of the curve; if it succeeds much less, of the best one."""
+        if last["success"] < self.best["success"] - _FORGOTTEN:
+            last = self.best.copy()
+            self.actor.load_state_dict(last.pop("actor"))
+        return self.policy(last)
+
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the actor as a policy."""
         made = policy_of(self.actor, self.task.obs_scale, "shac", self.settings, last)
@@ -205,7 +220,8 @@ def train(
     """Return the trained policy and its learning curve, a row for every tenth.
 
     Its seconds are processor time. The episodes that it tells of are played without noise and teach
-    nothing; neither their steps nor their time are counted.
+    nothing; neither their steps nor their time are counted. If in the end far fewer of them succeed
+    than in an earlier row, the policy is that of the best row.
     """
     uses = (*OF_CHAIN, *OF_CARTS, "reward_type", "randomize", "observe_context")
     config = used_config("shac", settings.env, uses)
@@ -255,8 +271,9 @@ def train(
             trial = evaluate(policy, policy.env, episodes=20, seed=0)
             shown = {"return": float(trial.returns.mean()), "success": trial.success_rate} | means
             curve[-1] |= {name: round(value, 6) for name, value in shown.items()}
+            learner.keep(curve[-1])
             clock.seconds = seconds
-    return learner.policy(curve[-1]), curve
+    return learner.final(curve[-1]), curve
 
 
 # RealAIGym's robot is stronger, and thrown about by `recovery`: speeds are higher, and hesitating
