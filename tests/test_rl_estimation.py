@@ -125,6 +125,21 @@ def test_a_plan_swings_up_five_poles_on_a_cart_on_angles_alone():
     assert evaluate(act, task, episodes=20).success_rate == 1.0
 
 
+@pytest.mark.nightly
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("n", "limits", "seconds", "seed"),
+    [(6, {}, 18.0, 2), (7, {"max_force": 30.0, "rail": 4.0}, 14.0, 0)],
+)
+def test_a_plan_swings_up_six_and_seven_poles_also_on_angles_alone(n, limits, seconds, seed):
+    task = env_of_task(f"swingup-{n}-cart") | {"dt": 0.025} | limits
+    plan = planned_swing_up(setting_of(task).config, seconds, tries=1, guess="mpc", seed=seed)
+    assert evaluate(plan, task, episodes=20).success_rate == 1.0
+    blind = task | {"observe_velocities": False}
+    act = FromAngles(plan, setting_of(blind).config)
+    assert evaluate(act, blind, episodes=20).success_rate == 1.0
+
+
 def test_what_cannot_be_estimated_is_refused_by_name():
     config = setting_of({"n": 1, "mode": "balance"}).config
     with pytest.raises(TypeError, match="controller must be callable"):

@@ -98,7 +98,8 @@ _SMOOTH: dict[str, Any] = {
     "muon_learning_rate": 0.01, "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
 _SMOOTH_ELBOW: dict[str, Any] = {
-    "seconds": 2.6, "plan_seed": 16, "speed_weight": 0.04, "hidden": 256,
+    "seconds": 1.6, "plan_seed": 518, "speed_weight": 0.043, "change_weight": 0.153, "hidden": 256,
+    "disturbed": 0.7, "turns": 1.0, "rounds": 60, "updates": 800, "kept": 0.12, "lost": 40.0,
     "errors": {NOTHING: 0.6, "velocity_noise": 0.15, "delay": 0.25},
 }  # fmt: skip
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
@@ -125,7 +126,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-robust": {"rescuer": "swingup-2"},
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
-    "swingup-2-acrobot-smooth": _SMOOTH | _SMOOTH_ELBOW | {"rescuer": "swingup-2-acrobot"},
+    "swingup-2-acrobot-smooth": _SMOOTH | _SMOOTH_ELBOW | {"rescuer": "swingup-2-acrobot-recovery"},
     "swingup-2-pendubot-smooth": _SMOOTH | {"rescuer": "swingup-2-pendubot-recovery"},
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
