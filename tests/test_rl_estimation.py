@@ -93,7 +93,7 @@ def test_lqr_balances_on_angles_alone_also_with_few_torques_and_in_a_single_envi
     task = {"n": 2, "mode": "balance", "observe_velocities": False}
     config = setting_of(task).config
     assert evaluate(FromAngles(lqr(config), config), task, episodes=10).success_rate == 1.0
-    with pytest.raises(ValueError, match="observe_velocities must be True"):
+    with pytest.raises(ValueError, match="got False: FromAngles"):
         evaluate(lqr(config), task, episodes=1)
     few = {"n": 1, "mode": "balance", "observe_velocities": False, "torque_levels": 9}
     config = setting_of(few).config

@@ -199,7 +199,7 @@ class Observer:
             if not config.observe_velocities and key in _OF_VELOCITIES:
                 raise ValueError(
                     f"observe_velocities must be True for a controller that reads info[{error}], "
-                    "got False"
+                    "got False: FromAngles(controller, config) estimates velocities"
                 ) from error
             if key not in info or key in observed:
                 raise
