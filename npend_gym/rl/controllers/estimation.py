@@ -37,8 +37,8 @@ class FromAngles:
         Standard deviation of an angle that is observed [rad], and of the place of a cart [m]. By
         default that of the environment's `angle_noise` and `angle_resolution`, and at least 1e-7.
     action_std : float
-        Of what acts beside the actions, over the limits of the motors. The larger, the less the
-        filter trusts the chain, and the more the angles.
+        Standard deviation of unknown loads, over the limits of the motors. With a larger value the
+        filter trusts the angles more, and the chain less.
 
     Raises
     ------
@@ -76,10 +76,12 @@ class FromAngles:
         if angle_std is None:
             rounding = config.angle_resolution / math.sqrt(12.0)
             angle_std = max(_SINGLE, math.hypot(config.angle_noise, rounding))
-        self._controller, self._config = controller, config
-        self._angle_std = _checks.positive_number("angle_std", angle_std)
+        variance = _checks.positive_number("angle_std", angle_std) ** 2
         self._action_std = _checks.nonnegative_number("action_std", action_std)
-        self._model = StepModel(config)
+        self._controller, self._config, self._model = controller, config, StepModel(config)
+        c = config.state_size // 2
+        self._noise: FloatArray = variance * np.eye(c)
+        self._rest: FloatArray = np.diag(np.repeat([variance, START**2], c))
         self._states: FloatArray = np.zeros((0, config.state_size))  # of the last call
         self._spread: FloatArray = np.zeros((0, config.state_size, config.state_size))
         self._actions: FloatArray = np.zeros((0, config.joints.size))
@@ -122,28 +124,25 @@ class FromAngles:
     def _estimate(self, measured: FloatArray, time: FloatArray) -> None:
         """Estimate the states at a time from the last estimate and what is measured."""
         count, c = measured.shape
-        noise = self._angle_std**2 * np.eye(c)
-        rest = np.diag(np.repeat([self._angle_std**2, START**2], c))
         fresh = np.concatenate([measured, np.zeros_like(measured)], axis=1)
         if len(self._states) != count:
-            self._states, self._spread = fresh, np.tile(rest, (count, 1, 1))
+            self._states, self._spread = fresh, np.tile(self._rest, (count, 1, 1))
             self._time = time
             return
         new = np.abs(time - self._time - self._config.dt) > 0.5 * self._config.dt
-        a, b = self._model.derivatives(self._states, self._actions)
-        states = self._model(self._states, self._actions)
+        states, a, b = self._model.linearised(self._states, self._actions)
         drive = self._action_std * b
         spread = a @ self._spread @ _transposed(a) + drive @ _transposed(drive)
-        error = np.zeros_like(states)
-        error[:, :c] = measured - states[:, :c]
-        error = wrapped(self._config, error)[:, :c]
-        gain = _transposed(np.asarray(np.linalg.solve(spread[:, :c, :c] + noise, spread[:, :c])))
+        error = wrapped(self._config, measured - states[:, :c])
+        seen = spread[:, :c, :c] + self._noise
+        gain = _transposed(np.asarray(np.linalg.solve(seen, spread[:, :c])))
         kept = np.eye(2 * c) - np.pad(gain, [(0, 0), (0, 0), (0, c)])
-        spread = kept @ spread @ _transposed(kept) + gain @ noise @ _transposed(gain)  # Joseph's
+        spread = kept @ spread @ _transposed(kept)  # Joseph's form
+        spread += gain @ self._noise @ _transposed(gain)
         states = states + (gain @ error[..., None])[..., 0]
-        new |= ~np.isfinite(states).all(axis=1)  # as where an episode is over on the way
+        new |= ~np.isfinite(states).all(axis=1)  # no estimate is left
         self._states = np.where(new[:, None], fresh, states)
-        self._spread = np.where(new[:, None, None], rest, spread)
+        self._spread = np.where(new[:, None, None], self._rest, spread)
         self._time = time
 
 

@@ -168,9 +168,16 @@ class StepModel:
 
         By state, (B, 2c, 2c), and by action, (B, 2c, joints).
         """
+        return self.linearised(states, actions)[1:]
+
+    def linearised(
+        self, states: FloatArray, actions: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the states, (B, 2c), after a step from `states`, and its `derivatives`."""
         ensemble, (torque, force) = self._begin(states), loads_of(self.config, actions)
         step = ensemble.step_jacobian(torque, self.config.dt, self.config.substeps, force=force)
-        return step.A, of_actions(self.config, step.B)
+        reached = np.concatenate([step.theta, step.omega], axis=1)
+        return reached, step.A, of_actions(self.config, step.B)
 
     def diverges(self, states: FloatArray, actions: FloatArray) -> BoolArray:
         """Return which steps leave all bounds, (B,)."""

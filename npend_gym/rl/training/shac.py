@@ -40,7 +40,7 @@ from npend_gym.rl.training.tasks import (
     policy_of,
 )
 
-_FORGOTTEN = 0.1  # of success: a run that has lost more returns to its best policy
+_FORGOTTEN = 0.1  # of success; a run that loses more returns its best policy
 
 
 @dataclass(frozen=True)
