@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 ALGORITHMS = {
     "evolution_strategies": "evolution strategies",
     "shac": "SHAC",
-    "imitation": "imitation of plans",
+    "imitation": "imitation",
 }
 ORDER = ("swingup", "transition", "balance", "calm")
 SWING_UP, TRANSITION = "`npend/SwingUp-v1`, `n=1`", "`npend/Transition-v1`, `n=2`"
@@ -43,8 +43,6 @@ def record(name: str) -> dict[str, Any]:
     about = Policy.pretrained(name).provenance
     members = about.get("members", [])
     algorithm = ALGORITHMS[Path(about["trained_by"]).stem]
-    if name.startswith(("balance", "calm")):  # LQR alone is the expert
-        algorithm = algorithm.replace("of plans", "of LQR")
     if members:
         algorithm += f", mean of {len(members)}"
     evaluation = about["evaluation"]

@@ -15,7 +15,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane, with_goals
-from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, Info
+from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, TRUTHS, Info
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, first_row
 from npend_gym.physics.memory import Memory
@@ -69,14 +69,21 @@ class Outputs:
             name for name, (_, key) in TABLE.items() if not key.when or attrgetter(key.when)(config)
         )
         self._everywhere = np.ones(self.count, np.bool_)
-        self._masks = [f"_{name}" for name in shown]
-        self._counted = [NUMBERS.index(name) for name in COUNTS if name in shown]
+        self._keys = *shown, *(f"_{name}" for name in shown)  # with the masks
+        self._counts = [name for name in COUNTS if name in shown]
+        self._counted = [NUMBERS.index(name) for name in self._counts]
         size = {"torque": config.joints.size}
         self._blocks = {
             name: _rows_of(getattr(Block, name.upper()), n, size.get(name, n))
             for name in OF_RODS if name in shown
         }  # fmt: skip
         self._read = [name for name in shown if TABLE[name][1].read]
+        self._rows_shown, self._flags_shown = (
+            {name: getattr(rows, name.upper()) for name in names if name in shown}
+            for rows, names in ((Output, NUMBERS), (Flag, TRUTHS))
+        )  # fmt: skip
+        kept = *self._rows_shown, *self._flags_shown, *self._blocks, *self._read
+        self._in_order = itemgetter(*map(kept.index, shown))
         values = *Output._fields, *Flag._fields, *map(str.upper, (*self._blocks, *self._read))
         self._pick = itemgetter(*(values.index(name.upper()) for name in shown))
         self._renew_rows()
@@ -154,15 +161,15 @@ class Outputs:
         (B, ...) of the last step or start, are handed out: the next step does not write to them.
         """
         rows, flags = self.rows[:, : self.count], self.flags[:, : self.count]
-        numbers = [*rows[: len(Output)]]
-        for row in self._counted:
-            numbers[row] = numbers[row].astype(np.int64)
-        blocks = [rows[block].T for block in self._blocks.values()]
-        values = [*numbers, *flags, *blocks, *[read() for read in self._reads]]
-        info: dict[str, Any] = dict(zip(self._shown, self._pick(values), strict=True))
-        info.update(
-            dict.fromkeys(self._masks, self._everywhere.copy() if present is None else present)
-        )
+        values: list[Any] = [rows[row] for row in self._rows_shown.values()]
+        values += [flags[row] for row in self._flags_shown.values()]
+        values += [rows[block].T for block in self._blocks.values()]
+        values += [read() for read in self._reads]
+        present = self._everywhere.copy() if present is None else present
+        masks = (present,) * len(self._shown)
+        info: dict[str, Any] = dict(zip(self._keys, self._in_order(values) + masks, strict=True))
+        for name in self._counts:
+            info[name] = info[name].astype(np.int64)
         return info
 
     def only_lane(self) -> tuple[Any, float, bool, bool, Info[float, int, bool]]:

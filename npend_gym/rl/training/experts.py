@@ -7,7 +7,9 @@ noisy actions, slightly wrong chains and lags of motors lead less far away.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -185,19 +187,29 @@ def rescuing_policy(name: str, config: EnvConfig) -> Policy:
 
 
 def _transition(settings: Any, config: EnvConfig, pair: Pair) -> PlannedTransition:
-    """Return the plan between a pair of equilibria from which errors lead least far astray."""
-    (start, goal), found = np.pi * np.array(pair), list[PlannedTransition]()
-    for guess in range(settings.guesses):
-        seed = guess + settings.guesses * settings.seed
-        options: dict[str, Any] = {"tries": 1, "guess": "mpc", "seed": seed}
-        try:
-            found.append(planned_transition(config, start, goal, settings.seconds, **options))
-        except RuntimeError:  # this guess leads to no trajectory
-            continue
+    """Return the plan between a pair of equilibria from which errors lead least far astray.
+
+    Where no guess of the wanted kind leads to a plan, it is the first that one of the other does.
+    """
+    kind = settings.plan_guess
+    others = _plans_between(settings, config, pair, "mpc" if kind == "waves" else "waves")
+    found = [*_plans_between(settings, config, pair, kind)] or [*islice(others, 1)]
     if not found:
         raise RuntimeError(f"no guess led from {pair[0]} to {pair[1]}: give it more guesses")
     errors = settings.noise_std, settings.error_weight
     return min(found, key=lambda plan: astray(config, plan, *errors))
+
+
+def _plans_between(
+    settings: Any, config: EnvConfig, pair: Pair, kind: str
+) -> Iterator[PlannedTransition]:
+    """Yield the plans to which guesses of a kind lead."""
+    start, goal = np.pi * np.array(pair)
+    for guess in range(settings.guesses):
+        seed = guess + settings.guesses * settings.seed
+        options: dict[str, Any] = {"tries": 1, "guess": kind, "seed": seed}
+        with suppress(RuntimeError):  # this guess leads to no trajectory
+            yield planned_transition(config, start, goal, settings.seconds, **options)
 
 
 def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition:

@@ -102,6 +102,10 @@ _SMOOTH_ELBOW: dict[str, Any] = {
     "disturbed": 0.7, "turns": 1.0, "rounds": 60, "updates": 800, "kept": 0.12, "lost": 40.0,
     "errors": {NOTHING: 0.6, "velocity_noise": 0.15, "delay": 0.25},
 }  # fmt: skip
+_PERFORMANCE: dict[str, Any] = {  # alone, for the acrobot
+    "seconds": 2.3, "plan_seed": 204, "speed_weight": 0.0425, "change_weight": 0.089,
+    "disturbed": 0.0, "rounds": 24, "noise_std": 0.1,
+}  # fmt: skip
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
 _SIX: dict[str, Any] = _QUICK | {
     "seconds": 8.0, "plan_seed": 5, "tries": 4, "variants": 40, "noise_std": 0.02, "rounds": 60,
@@ -114,6 +118,14 @@ _FOUR_POLES: dict[str, Any] = _QUICK | {
 }  # fmt: skip
 _FIVE_POLES: dict[str, Any] = _FOUR_POLES | {
     "seconds": 14.0, "plan_seed": 0, "tries": 4, "variants": 60, "rounds": 180,
+}  # fmt: skip
+_ALL_PAIRS: dict[str, Any] = {  # of equilibria of three rods
+    "seconds": 5.0, "guesses": 8, "rounds": 80, "num_envs": 4096, "updates": 600,
+    "minibatch_size": 8192, "max_states": 6_000_000, "muon_learning_rate": 0.015,
+    "averaging": 0.998, "by_goal": True,
+}  # fmt: skip
+_ALL_PAIRS_CART: dict[str, Any] = {
+    "seconds": 8.0, "plan_guess": "waves", "guesses": 32, "rounds": 110,
 }  # fmt: skip
 _POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
 TASKS: dict[str, dict[str, Any]] = {
@@ -128,6 +140,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
     "swingup-2-acrobot-smooth": _SMOOTH | _SMOOTH_ELBOW | {"rescuer": "swingup-2-acrobot-recovery"},
     "swingup-2-pendubot-smooth": _SMOOTH | {"rescuer": "swingup-2-pendubot-recovery"},
+    "swingup-2-acrobot-performance": _SMOOTH | _PERFORMANCE,
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
     "swingup-5-robust": _FIVE,
@@ -143,18 +156,8 @@ TASKS: dict[str, dict[str, Any]] = {
         "muon_learning_rate": 0.01,
         "averaging": 0.998,
     },
-    "transition-3": {
-        "seconds": 5.0,
-        "guesses": 8,
-        "rounds": 80,
-        "num_envs": 4096,
-        "updates": 600,
-        "minibatch_size": 8192,
-        "max_states": 6_000_000,
-        "muon_learning_rate": 0.015,
-        "averaging": 0.998,
-        "by_goal": True,
-    },
+    "transition-3": _ALL_PAIRS,
+    "transition-3-cart": _ALL_PAIRS | _ALL_PAIRS_CART,
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
 }

@@ -101,7 +101,7 @@ _SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
 
 _MACHINES = "pendubot", "acrobot", "cart"
 # At the end of a task's name, in this order
-_WORDS = (*_MACHINES, "robust", "recovery", "hardware", "smooth")
+_WORDS = (*_MACHINES, "robust", "recovery", "hardware", "smooth", "performance")
 
 
 def _variant(word: str, n: int) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _variant(word: str, n: int) -> dict[str, Any]:
             return {"randomize": ROBUST}
         case "recovery" | "hardware":  # the same environment; settings and reward differ
             return {}
-        case "smooth":  # the time between commands to RealAIGym's motors [s]
+        case "smooth" | "performance":  # the time between commands to RealAIGym's motors [s]
             return {"dt": 0.002}
         case "pendubot" | "acrobot":  # of RealAIGym's leaderboards: a motor at pivot or elbow
             robot = Chain.realaigym("C.1", motors=False).as_dict()
@@ -131,7 +131,7 @@ def env_of_task(task: str) -> dict[str, Any]:
     In a "robust" task every episode has a new chain. "swingup-2-pendubot" and "swingup-2-acrobot"
     use RealAIGym's pendulum, with a motor at the pivot or at the elbow. Names may end in several of
     these words, as "swingup-2-acrobot-robust" does. "recovery" and "hardware", for the two rules of
-    `recovery`, change only the training. "smooth" makes steps of 0.002 s.
+    `recovery`, change only the training. "smooth" and "performance" make steps of 0.002 s.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1". More rods
     use the cart and the kind of poles of the latter. There "balance-4-cart" has spread=0.002 and
