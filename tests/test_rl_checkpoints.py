@@ -32,6 +32,10 @@ FEW = {"updates": 2, "num_envs": 16}
 MUON = {"muon_learning_rate": 0.02}
 RUNS = {
     "imitation": (imitation, imitation.Settings(ONE, seconds=3.0, guesses=2, num_envs=8, **SHORT)),
+    "imitation of transitions": (
+        imitation,
+        imitation.Settings(ONE | {"mode": "transition"}, seconds=3.0, num_envs=16, **SHORT),
+    ),
     "imitation with errors": (
         imitation,
         imitation.settings_of("swingup-1-robust", seconds=3.0, num_envs=32, **SHORT | MUON),
@@ -88,13 +92,15 @@ class StoppedCheckpoint(Checkpoint):
     "name",
     [pytest.param(k, marks=pytest.mark.nightly) if "SPRING" in k else k for k in RUNS],
 )
-def test_a_run_that_was_stopped_ends_as_one_that_was_not(name, tmp_path):
+def test_a_run_that_was_stopped_ends_as_one_that_was_not(name, tmp_path, monkeypatch):
     trainer, settings = RUNS[name]
     whole, curve = trainer.train(settings)
     path = tmp_path / "run.checkpoint"
     with pytest.raises(StoppedError):
         trainer.train(settings, None, StoppedCheckpoint(settings, path, seconds=0.0))
     torch.manual_seed(123)
+    for planned in ("planned_swing_up", "planned_transition"):  # the checkpoint has the plans
+        monkeypatch.delattr(experts, planned)
     policy, resumed = trainer.train(settings, None, Checkpoint(settings, path, resume=True))
     pairs = zip(policy.weights + policy.biases, whole.weights + whole.biases, strict=True)
     for ours, theirs in pairs:

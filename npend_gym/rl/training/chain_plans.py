@@ -50,7 +50,8 @@ class PlanTracker:
 
     `start_cost` is the mean cost at the start of episodes, over that of starts near the beginning
     of a plan. In a mode with goals, each plan leads from the first to the second of one of the
-    `pairs` of equilibria.
+    `pairs` of equilibria. `trajectories` are the states, (plans, steps + 1, 2c), and the actions,
+    (plans, steps, joints).
     """
 
     chains: Sequence[Changes] = ()  # of which each has a plan, the nominal one first
@@ -67,6 +68,9 @@ class PlanTracker:
         self.steps: int = len(plans[0].gains)
         idle = np.zeros((1, config.joints.size))
         self._states = np.array([plan.nominal.states for plan in plans])
+        self.trajectories: list[FloatArray] = [
+            self._states, np.array([plan.nominal.actions for plan in plans])
+        ]  # fmt: skip
         self._actions = np.array([[*plan.nominal.actions, *idle] for plan in plans])
         self._gains = np.array([[*plan.gains, plan.hold_goal.gain] for plan in plans])
         self._costs = np.array([plan.costs for plan in plans])

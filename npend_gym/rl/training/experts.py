@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym._progress import bar
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Calm, SwingUp
 from npend_gym.rl.controllers.ilqr import Motions
@@ -65,6 +66,7 @@ class Rescued:
         self._expert, self._rescuer, self._lost = expert, rescuer, lost
         self.chains: Sequence[Changes] = expert.chains
         self.pairs: Sequence[Pair] = expert.pairs
+        self.trajectories: list[FloatArray] = expert.trajectories
 
     def begin(self, which: NDArray[np.int64], round_: int) -> None:
         """Begin episodes in sub-environments with the chains of these numbers, (B,)."""
@@ -133,25 +135,36 @@ class Replanning(MPC):
         return self._improved(self._ilqr.tracked(states, *rest), 1)
 
 
-def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
+def expert_of(
+    settings: Any, config: EnvConfig, guess: int, progress: str | None = None,
+    kept: Sequence[FloatArray] = (),
+) -> Expert | None:  # fmt: skip
     """Return the expert that a guess leads to, if any.
 
     With goals an expert has plans for all pairs. Tasks that begin where they end have feedback
     about their equilibrium. Nothing calms the chain before a plan begins: without a clock, holding
-    looks like leaving. `settings` are those of `imitation`; guesses are counted from 0.
+    looks like leaving. `settings` are those of `imitation`; guesses are counted from 0. `progress`
+    is the title of what shows how far planning is. `kept` are `trajectories` of the very
+    expert, which then are not sought again.
     """
+    known = (track(config, NominalTrajectory(*each), 0.0) for each in zip(*kept, strict=True))
     swings_up = isinstance(config.mode, SwingUp)
     if guess > 0 and not swings_up:
         return None  # it would be the same expert
     if config.mode.has_goals:
-        found = {pair: _transition(settings, config, pair) for pair in pairs_of(config.n)}
-        return PlanTracker(config, list(found.values()), pairs=list(found))
+        pairs = [*pairs_of(config.n)]
+        plans = [*known]
+        if not plans:
+            shown = _shown(pairs, progress, "pairs")
+            plans = [_transition(settings, config, pair) for pair in shown]
+        return PlanTracker(config, plans, pairs=pairs)
     wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
     chains = wrong_chains(config.chain, settings.seed, settings.chain_factors) if wrong else []
     if not swings_up:
         return _regulator(settings, config, chains)
     try:
-        plans = ChainPlans(config, _swing_up(settings, config, guess), chains)
+        plan = next(known, None) or _swing_up(settings, config, guess, progress)
+        plans = ChainPlans(config, plan, chains)
     except RuntimeError:  # this guess leads to no trajectory
         return None
     if settings.rescuer == "mpc":
@@ -160,6 +173,11 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         policy = rescuing_policy(settings.rescuer, config)
         return Rescued(plans, PolicyRescuer(policy, settings.lost), settings.lost)
     return plans
+
+
+def _shown(planned: Sequence[Any], title: str | None, unit: str) -> Any:
+    """Return a loop over what is planned, which shows how far it is if it has a title."""
+    return bar(planned, title, unit=unit, leave=False) if title else planned
 
 
 def rescuing_policy(name: str, config: EnvConfig) -> Policy:
@@ -212,7 +230,9 @@ def _plans_between(
             yield planned_transition(config, start, goal, settings.seconds, **options)
 
 
-def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition:
+def _swing_up(
+    settings: Any, config: EnvConfig, guess: int, progress: str | None = None
+) -> PlannedTransition:
     """Return the plan for the nominal chain."""
     seed = settings.plan_seed
     seed = guess + (settings.guesses * settings.seed if seed is None else seed)
@@ -220,7 +240,7 @@ def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition
     options |= {name: getattr(settings, name) for name in ("speed_weight", "change_weight")}
     plan = planned_swing_up(config, settings.seconds, **options)
     errors = settings.noise_std, settings.error_weight
-    return steadied(config, plan, settings.variants, seed, *errors)
+    return steadied(config, plan, settings.variants, seed, *errors, progress=progress)
 
 
 def _regulator(settings: Any, config: EnvConfig, chains: list[Changes]) -> ChainPlans:
@@ -236,8 +256,9 @@ def _regulator(settings: Any, config: EnvConfig, chains: list[Changes]) -> Chain
 
 
 def steadied(
-    config: EnvConfig, plan: PlannedTransition, variants: int, seed: int, *errors: float
-) -> PlannedTransition:
+    config: EnvConfig, plan: PlannedTransition, variants: int, seed: int, *errors: float,
+    progress: str | None = None,
+) -> PlannedTransition:  # fmt: skip
     """Return the plan, or that of its variants along which errors lead least far `astray`.
 
     `errors` are what that function takes. Each variant is a motion to the same end. Its actions are
@@ -248,7 +269,7 @@ def steadied(
         return plan
     rng, size = np.random.default_rng([seed, 3]), _CHANGE
     least = astray(config, plan, *errors)
-    for _ in range(variants):
+    for _ in _shown(range(variants), progress, "variants"):
         states, actions = plan.nominal
         change = _smooth_change(rng, len(actions))[:, None]
         wanted = np.clip(actions + size * change, -1.0, 1.0)

@@ -38,7 +38,7 @@ from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
-from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, restore
 from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import ErrorLanes, check_errors
 from npend_gym.rl.training.experts import Expert, expert_of, rescuing_policy
@@ -256,14 +256,14 @@ class DAgger:
         return policy_of(mean, scale, "imitation", self.settings, last)
 
 
-def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:
+def begin(settings: Settings, config: Any, progress: str | None) -> tuple[DAgger, int, int]:
     """Return the student nearest to its expert after two rounds, its guess, and the number tried.
 
     Some trajectories are much harder to learn than others, and nothing else tells which.
     """
     begun: list[tuple[DAgger, int]] = []
     for guess in range(settings.guesses):
-        expert = expert_of(settings, config, guess)
+        expert = expert_of(settings, config, guess, progress)
         if expert is None:
             continue
         dagger = DAgger(settings, expert)
@@ -329,11 +329,12 @@ def train(
     known: dict[str, Any] = settings.env | {"observe_velocities": True}  # experts know the state
     config = EnvConfig(**known)
     if checkpoint.saved is None:
-        dagger, guess, tried = begin(settings, config)
+        dagger, guess, tried = begin(settings, config, progress)
     else:  # the others have been tried
-        guess, tried = checkpoint.saved["parts"]["choice"]
-        dagger = DAgger(settings, cast("Expert", expert_of(settings, config, guess)))
-    parts = {"dagger": dagger, "choice": [guess, tried], "curve": curve, "clock": clock}
+        guess, tried, *kept = restore(None, checkpoint.saved["parts"]["choice"])
+        dagger = DAgger(settings, cast("Expert", expert_of(settings, config, guess, kept=kept)))
+    choice = [guess, tried, *dagger.expert.trajectories]
+    parts = {"dagger": dagger, "choice": choice, "curve": curve, "clock": clock}
     for round_ in checkpoint.rounds(parts, settings.rounds, progress, "rounds", first=2):
         score = dagger.play(round_)
         dagger.learn(settings.updates)

@@ -112,6 +112,9 @@ _SIX: dict[str, Any] = _QUICK | {
     "student_fraction": 0.1, "take_over": 1.5, "hand_back": 0.5, "lost": 6.0,
     "minibatch_size": 512, "spring_learning_rate": 0.3,
 }  # fmt: skip
+_TWO_POLES: dict[str, Any] = {
+    "seconds": 6.0, "rounds": 12, "averaging": 0.998, "muon_learning_rate": 0.015,
+}  # fmt: skip
 _FOUR_POLES: dict[str, Any] = _QUICK | {
     "seconds": 10.0, "plan_seed": 4, "variants": 100, "rounds": 80, "hidden": 256,
     "muon_learning_rate": 0.015,
@@ -145,8 +148,8 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-4-robust": _FOUR,
     "swingup-5-robust": _FIVE,
     "calm-2-robust": {"rounds": 20, "hidden": 48},
-    "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
-    "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
+    "swingup-2-cart": _TWO_POLES,
+    "swingup-3-cart": _TWO_POLES | _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 24},
     "swingup-4-cart": _FOUR_POLES,
     "swingup-5-cart": _FIVE_POLES,
     "transition-2": {
