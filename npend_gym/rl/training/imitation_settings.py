@@ -128,7 +128,7 @@ _ALL_PAIRS: dict[str, Any] = {  # of equilibria of three rods
     "averaging": 0.998, "by_goal": True,
 }  # fmt: skip
 _ALL_PAIRS_CART: dict[str, Any] = {
-    "seconds": 8.0, "plan_guess": "waves", "guesses": 32, "rounds": 110,
+    "seconds": 8.0, "plan_guess": "waves", "guesses": 20, "rounds": 60,
 }  # fmt: skip
 _POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
 TASKS: dict[str, dict[str, Any]] = {

@@ -95,8 +95,8 @@ ROBUST: dict[str, Any] = {
 }
 
 
-# Width of the starts [rad]: the force on the cart holds few wider ones of four or five poles
-_SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
+# Width of the starts [rad]: the force on the cart holds few wider ones
+_SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005, "transition-3-cart": 0.005}
 
 
 _MACHINES = "pendubot", "acrobot", "cart"
@@ -134,8 +134,8 @@ def env_of_task(task: str) -> dict[str, Any]:
     `recovery`, change only the training. "smooth" and "performance" make steps of 0.002 s.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1". More rods
-    use the cart and the kind of poles of the latter. There "balance-4-cart" has spread=0.002 and
-    "balance-5-cart" spread=0.0005.
+    use the cart and the kind of poles of the latter. There "balance-4-cart" has spread=0.002,
+    "balance-5-cart" spread=0.0005, and "transition-3-cart" spread=0.005.
     """
     text = task if isinstance(task, str) else ""  # pyright: ignore[reportUnnecessaryIsInstance]
     mode, n, *words = [*text.split("-"), ""][: max(2, text.count("-") + 1)]
