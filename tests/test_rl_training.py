@@ -124,6 +124,12 @@ def test_a_task_on_a_cart_is_the_registered_cart_in_its_mode(n, mode):
     assert config.mode.name == registered.mode.name
 
 
+def test_poles_start_no_further_away_than_the_force_on_their_cart_can_hold():
+    tasks = "balance-4-cart", "balance-5-cart", "transition-3-cart"
+    spreads = [EnvConfig(**env_of_task(task)).spread for task in tasks]
+    assert spreads == [0.002, 0.0005, 0.005]
+
+
 def test_words_at_the_end_of_a_task_combine():
     robust = env_of_task("swingup-2-robust")["randomize"]
     for robot in ("swingup-2-acrobot", "balance-3-cart"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_rl_planning import check_motion
 
+from npend_gym import _progress
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import (
     PlannedTransitions,
@@ -136,6 +137,32 @@ def test_the_expert_of_goals_goes_by_the_state_and_not_by_the_clock(both):
         said = expert.tracking(late | {"time": np.full(3, 2 * k * config.dt)})
         np.testing.assert_allclose(said.actions, np.tile(actions[k], (3, 1)), atol=1e-6)
         assert said.relative_cost.max() < 1e-9
+
+
+def test_the_expert_of_goals_takes_the_other_kind_of_guess_where_one_leads_nowhere(
+    monkeypatch, capsys
+):
+    imitation = pytest.importorskip("npend_gym.rl.training.imitation")
+    from npend_gym.rl.training import experts
+
+    settings = imitation.settings_of("transition-1", seconds=3.0, guesses=2, plan_guess="waves")
+    config, asked = EnvConfig(**settings.env), []
+
+    def by_mpc_alone(*pair, guess, **options):
+        asked.append(guess)
+        if guess == "waves":
+            raise RuntimeError("no guess led to a trajectory")
+        return planned_transition(*pair, guess=guess, **options)
+
+    monkeypatch.setattr(experts, "planned_transition", by_mpc_alone)
+    monkeypatch.setattr(_progress, "SECONDS", 0.0)
+    expert = experts.expert_of(settings, config, 0, "planning")
+    assert asked == ["waves", "waves", "mpc"] * 2
+    assert "planning: 1 of 2 pairs" in capsys.readouterr().err
+    again = experts.expert_of(settings, config, 0, kept=expert.trajectories)
+    assert len(asked) == 6
+    for ours, theirs in zip(again.trajectories, expert.trajectories, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_pairs_of_which_a_student_failed_are_played_more_often(both):
