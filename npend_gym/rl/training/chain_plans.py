@@ -50,8 +50,7 @@ class PlanTracker:
 
     `start_cost` is the mean cost at the start of episodes, over that of starts near the beginning
     of a plan. In a mode with goals, each plan leads from the first to the second of one of the
-    `pairs` of equilibria. `trajectories` are the states, (plans, steps + 1, 2c), and the actions,
-    (plans, steps, joints).
+    `pairs` of equilibria.
     """
 
     chains: Sequence[Changes] = ()  # of which each has a plan, the nominal one first
@@ -68,9 +67,6 @@ class PlanTracker:
         self.steps: int = len(plans[0].gains)
         idle = np.zeros((1, config.joints.size))
         self._states = np.array([plan.nominal.states for plan in plans])
-        self.trajectories: list[FloatArray] = [
-            self._states, np.array([plan.nominal.actions for plan in plans])
-        ]  # fmt: skip
         self._actions = np.array([[*plan.nominal.actions, *idle] for plan in plans])
         self._gains = np.array([[*plan.gains, plan.hold_goal.gain] for plan in plans])
         self._costs = np.array([plan.costs for plan in plans])
@@ -79,6 +75,11 @@ class PlanTracker:
         unit = np.trace(self._costs[:, 0], axis1=1, axis2=2) * _START**2 / 3.0
         self._unit = start_cost * unit
         self.begin(np.zeros(0, np.int64))
+
+    @property
+    def trajectories(self) -> list[FloatArray]:
+        """The states, (plans, steps + 1, 2c), and actions, (plans, steps, joints), of the plans."""
+        return [self._states, self._actions[:, :-1]]
 
     def begin(self, which: NDArray[np.int64], round_: int = 0) -> None:
         """Begin episodes in sub-environments with the plans of these numbers, (B,)."""

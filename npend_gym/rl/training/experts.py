@@ -144,8 +144,8 @@ def expert_of(
     With goals an expert has plans for all pairs. Tasks that begin where they end have feedback
     about their equilibrium. Nothing calms the chain before a plan begins: without a clock, holding
     looks like leaving. `settings` are those of `imitation`; guesses are counted from 0. `progress`
-    is the title of what shows how far planning is. `kept` are `trajectories` of the very
-    expert, which then are not sought again.
+    is the title of what shows how far planning is. `kept` are the `trajectories` of an expert of
+    the same settings and guess: its plans are made from these, and not sought again.
     """
     known = (track(config, NominalTrajectory(*each), 0.0) for each in zip(*kept, strict=True))
     swings_up = isinstance(config.mode, SwingUp)
@@ -207,7 +207,7 @@ def rescuing_policy(name: str, config: EnvConfig) -> Policy:
 def _transition(settings: Any, config: EnvConfig, pair: Pair) -> PlannedTransition:
     """Return the plan between a pair of equilibria from which errors lead least far astray.
 
-    Where no guess of the wanted kind leads to a plan, it is the first that one of the other does.
+    Where no guess of the wanted kind leads to a plan, the first plan of the other kind counts.
     """
     kind = settings.plan_guess
     others = _plans_between(settings, config, pair, "mpc" if kind == "waves" else "waves")
