@@ -5,8 +5,10 @@ import importlib.util
 import pytest
 from test_examples import ROOT
 
+from npend_gym import _files
 from npend_gym.cli import main
 from npend_gym.rl import read_benchmarks
+from npend_gym.rl.policies.files import pretrained_path
 
 RESULTS = ROOT / "benchmarks" / "leaderboard"
 
@@ -31,6 +33,16 @@ def test_every_result_is_complete_and_has_the_name_of_its_file():
         path.name for path in RESULTS.glob("*.json")
     }
     assert all(each.complete for each in runs)
+
+
+@pytest.mark.parametrize("suite", ["core", "hard"])
+def test_the_pretrained_results_are_of_the_policies_that_ship(suite):
+    """Else: `npend benchmark pretrained --suite SUITE --by npend_gym -o benchmarks/leaderboard`,
+    and `python docs/leaderboard.py`.
+    """
+    (run,) = read_benchmarks([RESULTS / f"pretrained-{suite}-0.json"])
+    of_files = run.record["model"]["sha256"]
+    assert of_files == {name: _files.sha256(pretrained_path(name)) for name in of_files}
 
 
 def test_runs_of_one_name_say_the_same_of_their_training():
