@@ -185,13 +185,14 @@ def test_pairs_of_which_a_student_failed_are_played_more_often(both):
     dagger.lanes.close()
 
 
-def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merged():
+@pytest.mark.parametrize("layers", [1, 2, 3])
+def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merged(layers):
     torch = pytest.importorskip("torch")
     from npend_gym.rl.training.goal_networks import GoalNetworks
     from npend_gym.rl.training.tasks import network
 
     torch.manual_seed(0)
-    networks = [network(12, 2, 16, last_gain=1.0) for _ in range(8)]
+    networks = [network(12, 2, 16, last_gain=1.0, layers=layers) for _ in range(8)]
     for parameter in (each for one in networks for each in one.parameters()):
         parameter.data += 0.3 * torch.randn_like(parameter)
     together = GoalNetworks(networks)

@@ -68,7 +68,8 @@ class PlanTracker:
         idle = np.zeros((1, config.joints.size))
         self._states = np.array([plan.nominal.states for plan in plans])
         self._actions = np.array([[*plan.nominal.actions, *idle] for plan in plans])
-        self._gains = np.array([[*plan.gains, plan.hold_goal.gain] for plan in plans])
+        gains = [[*plan.gains, plan.hold_goal.gain] for plan in plans]
+        self.gains: FloatArray = np.array(gains)  # (plans, steps + 1, joints, 2c)
         self._costs = np.array([plan.costs for plan in plans])
         weights = [[*plan.action_weights, plan.action_weights[-1]] for plan in plans]
         self._weights = np.array(weights)
@@ -101,7 +102,7 @@ class PlanTracker:
         cost = np.einsum("bwi,bwij,bwj->bw", away, costs, away)
         nearest = cost.argmin(axis=1)
         phase, deviation = near[lanes, nearest], away[lanes, nearest]
-        feedback = np.einsum("bji,bi->bj", self._gains[which, phase], deviation)
+        feedback = np.einsum("bji,bi->bj", self.gains[which, phase], deviation)
         relative_cost = cost[lanes, nearest] / self._unit[which]
         actions, weights = self._actions[which, phase] - feedback, self._weights[which, phase]
         self._phase = phase
@@ -121,7 +122,7 @@ class PlanTracker:
         away = states - nominal[0]
         turns = away - wrapped(self._config, away)
         before = which, steps_of[:-1]
-        return nominal + turns, self._actions[before], self._gains[before]
+        return nominal + turns, self._actions[before], self.gains[before]
 
 
 def parameters(chain: Chain) -> dict[str, FloatArray]:

@@ -67,6 +67,7 @@ class Rescued:
         self.chains: Sequence[Changes] = expert.chains
         self.pairs: Sequence[Pair] = expert.pairs
         self.trajectories: list[FloatArray] = expert.trajectories
+        self.gains: FloatArray = expert.gains
 
     def begin(self, which: NDArray[np.int64], round_: int) -> None:
         """Begin episodes in sub-environments with the chains of these numbers, (B,)."""

@@ -18,7 +18,7 @@ _GATE = 64.0  # tanh is -1 to rounding where twice this is missing
 
 
 class GoalNetworks(nn.Module):
-    """Networks of two hidden layers, one of which acts: that for the goal.
+    """Networks of hidden tanh layers, one of which acts: that for the goal.
 
     The last numbers that they are given are the goal, for each rod 1 (hangs) or -1 (stands). What a
     single network learns about one goal changes what it does about the others.
@@ -48,26 +48,25 @@ class GoalNetworks(nn.Module):
         """
         n, count = len(self._rods), len(self.networks)
         goals = 1.0 - 2.0 * (np.arange(count)[:, None] >> np.arange(n) & 1)
-        first, second, last = zip(*map(_layers, self.networks), strict=True)
-        weights, biases, idle = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        first, *middle, last = zip(*map(_layers, self.networks), strict=True)
+        weights, biases = list[FloatArray](), list[FloatArray]()
         for (weight, bias), goal in zip(first, goals, strict=True):
             biases.append(bias + weight[:, -n:] @ goal - _GATE * n)
             weights.append(np.hstack([weight[:, :-n], np.tile(_GATE * goal, (len(weight), 1))]))
         gates = np.hstack([np.zeros((count, weights[0].shape[1] - n)), _GATE * goals])
-        for (weight, bias), (of_outputs, _) in zip(second, last, strict=True):
-            idle.append(of_outputs @ np.tanh(bias - weight.sum(axis=1)))
-        added = [bias for _, bias in last]
         whole: list[tuple[Any, Any]] = [
-            (np.vstack([*weights, gates]), np.hstack([*biases, np.full(count, -_GATE * (n - 1))])),
-            (
-                block_diag(*(weight for weight, _ in second), _GATE * np.eye(count)),
-                np.hstack([*(bias for _, bias in second), np.zeros(count)]),
-            ),
-            (
-                np.hstack([*(weight for weight, _ in last), 0.5 * np.add(added, idle).T]),
-                0.5 * np.subtract(added, idle).sum(axis=0),
-            ),
+            (np.vstack([*weights, gates]), np.hstack([*biases, np.full(count, -_GATE * (n - 1))]))
         ]
+        idle: list[FloatArray] = [-np.ones(len(bias)) for _, bias in first]
+        for layer in middle:
+            parts = zip(layer, idle, strict=True)
+            idle = [np.tanh(weight @ values + bias) for (weight, bias), values in parts]
+            joined = block_diag(*(weight for weight, _ in layer), _GATE * np.eye(count))
+            whole.append((joined, np.hstack([*(bias for _, bias in layer), np.zeros(count)])))
+        left = [weight @ values for (weight, _), values in zip(last, idle, strict=True)]
+        added = [bias for _, bias in last]
+        outputs = np.hstack([*(weight for weight, _ in last), 0.5 * np.add(added, left).T])
+        whole.append((outputs, 0.5 * np.subtract(added, left).sum(axis=0)))
         modules = [module for layer in whole for module in (_linear(*layer), nn.Tanh())]
         return nn.Sequential(*modules[:-1])
 

@@ -42,6 +42,7 @@ from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, restore
 from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import ErrorLanes, check_errors
 from npend_gym.rl.training.experts import Expert, expert_of, rescuing_policy
+from npend_gym.rl.training.feedback_units import begin_as_feedback, check_feedback_units
 from npend_gym.rl.training.goal_networks import GoalNetworks
 from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
 from npend_gym.rl.training.keywords import OF_IMITATION, used_config
@@ -88,8 +89,9 @@ class DAgger:
         self.to_inputs: torch.Tensor = differences(settings.length, obs_scale, change_scale, joints)
         self.history: History = History((settings.length, config.observed + joints), joints)
         inputs = self.to_inputs.shape[1]
-        count = 2**config.n if settings.by_goal else 1
-        networks = [network(inputs, joints, settings.hidden, last_gain=0.1) for _ in range(count)]
+        goals = range(2**config.n if settings.by_goal else 1)
+        networks = [network(inputs, joints, settings.hidden, 0.1, settings.layers) for _ in goals]
+        begin_as_feedback(networks, config, expert, self.to_inputs, settings.feedback_units)
         self.learner: nn.Module = GoalNetworks(networks) if settings.by_goal else networks[0]
         # it acts, with averages of the learner's parameters
         self.student: nn.Module = copy.deepcopy(self.learner)
@@ -294,6 +296,7 @@ def train(
     check_settings(settings, below_one=("averaging",))
     _checks.count("rounds", settings.rounds, low=2)
     _checks.count("max_states", settings.max_states, low=settings.num_envs)
+    check_feedback_units(config, settings.feedback_units, settings.hidden)
     if settings.plan_seed is not None:
         _checks.count("plan_seed", settings.plan_seed, low=0)
     for name in ("student_fraction", "kept", "lost"):

@@ -48,7 +48,9 @@ class Settings(TrainingSettings):
     spring_learning_rate: float = 0.0  # of SPRING, which then learns in place of both
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
-    hidden: int = 192  # units in each of two layers
+    hidden: int = 192  # units in each hidden layer
+    layers: int = 2  # that are hidden
+    feedback_units: int = 0  # of the first layer, which begin as the feedback along the plans
     by_goal: bool = False  # whether each goal has a network of its own
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
@@ -122,6 +124,11 @@ _FOUR_POLES: dict[str, Any] = _QUICK | {
 _FIVE_POLES: dict[str, Any] = _FOUR_POLES | {
     "seconds": 14.0, "plan_seed": 0, "tries": 4, "variants": 60, "rounds": 180,
 }  # fmt: skip
+_SIX_POLES: dict[str, Any] = _QUICK | {
+    "seconds": 14.0, "plan_seed": 1, "variants": 160, "rounds": 80,
+    "student_fraction": 0.15, "take_over": 1.5, "hand_back": 0.5, "lost": 20.0, "standing": 200,
+    "kept": 0.15, "muon_learning_rate": 0.02, "hidden": 256, "feedback_units": 192,
+}  # fmt: skip
 _ALL_PAIRS: dict[str, Any] = {  # of equilibria of three rods
     "seconds": 5.0, "guesses": 8, "rounds": 80, "num_envs": 4096, "updates": 600,
     "minibatch_size": 8192, "max_states": 6_000_000, "muon_learning_rate": 0.015,
@@ -152,6 +159,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-3-cart": _TWO_POLES | _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 24},
     "swingup-4-cart": _FOUR_POLES,
     "swingup-5-cart": _FIVE_POLES,
+    "swingup-6-cart": _SIX_POLES,
     "transition-2": {
         "seconds": 4.0,
         "rounds": 45,
