@@ -58,7 +58,7 @@ def references(task: str) -> dict[str, Controller]:
     """Return what a policy is compared with: chance, and controllers that know the equations."""
     keywords, rng = env_of_task(task), np.random.default_rng(0)
     mode, n = keywords["mode"], keywords["n"]
-    plans = POLES if "base" in keywords else PLANS
+    plans = range(1, 7) if "base" in keywords else PLANS
     names = {
         "balance": ["LQR"],
         "calm": ["damping", "LQR"],

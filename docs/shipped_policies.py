@@ -32,7 +32,7 @@ TASKS = (
     ("`npend/Calm-v1`, `n=20`", "bring a released chain to rest", "calm-20"),
     ("`npend/CartTriplePole-v1`", "keep three poles upright on a cart", "balance-3-cart"),
     ('`npend/CartDoublePole-v1`, `mode="swingup"`', "swing up two poles", "swingup-2-cart"),
-    ("`npend/SwingUp-v1`, `**policy.env`", "`swingup-5-cart`: five such poles", "swingup-5-cart"),
+    ("`npend/SwingUp-v1`, `**policy.env`", "`swingup-6-cart`: six such poles", "swingup-6-cart"),
     ("`npend/Release-v1`", "none: the free release is measured", ""),
 )
 CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MPC")
@@ -108,7 +108,9 @@ def of_cart(*poles: int) -> str:
     titles = ["task", "controllers that know the equations", "policy by", "time", "success"]
     rows = list[list[str]]()
     for name in (f"{mode}-{n}-cart" for n in poles for mode in ("balance", "swingup")):
-        known = [f"{who.replace(',', '')}: {100 * x:.0f} %" for who, x in successes(name).items()]
+        if not (found := successes(name)) and name not in pretrained_names():
+            continue
+        known = [f"{who.replace(',', '')}: {100 * x:.0f} %" for who, x in found.items()]
         shipped = record(name) if name in pretrained_names() else {}
         cells = [shipped.get(key, "") for key in ("algorithm", "time", "success")]
         rows.append([name, ", ".join(known), *cells])
@@ -118,7 +120,7 @@ def of_cart(*poles: int) -> str:
 TABLES = {
     "README.md": of_readme,
     "docs/results.md": of_results,
-    "docs/tasks/carts.md": partial(of_cart, 1, 2, 3, 4, 5),
+    "docs/tasks/carts.md": partial(of_cart, 1, 2, 3, 4, 5, 6),
 }
 
 

@@ -106,6 +106,8 @@ def test_units_that_cannot_be_are_refused_before_anything_is_planned():
         imitation.train(settings)
     with pytest.raises(ValueError, match="layers must be at least 1, got 0"):
         imitation.train(dataclasses.replace(settings, layers=0))
+    with pytest.raises(ValueError, match=r"by_goal must be False .* layers=1"):
+        imitation.train(imitation.settings_of("transition-1", by_goal=True, layers=1))
     own = dataclasses.replace(settings, feedback_units=8)
     own.env["observe_velocities"] = False
     with pytest.raises(ValueError, match="feedback_units must be 0 with observe_velocities=False"):

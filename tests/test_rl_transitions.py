@@ -185,8 +185,9 @@ def test_pairs_of_which_a_student_failed_are_played_more_often(both):
     dagger.lanes.close()
 
 
-@pytest.mark.parametrize("layers", [1, 2, 3])
-def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merged(layers):
+@pytest.mark.parametrize("layers", [2, 3, 4])
+@pytest.mark.parametrize("slope", [1.0, 1000.0])  # units that begin as feedback are as steep
+def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merged(layers, slope):
     torch = pytest.importorskip("torch")
     from npend_gym.rl.training.goal_networks import GoalNetworks
     from npend_gym.rl.training.tasks import network
@@ -195,6 +196,8 @@ def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merg
     networks = [network(12, 2, 16, last_gain=1.0, layers=layers) for _ in range(8)]
     for parameter in (each for one in networks for each in one.parameters()):
         parameter.data += 0.3 * torch.randn_like(parameter)
+    for one in networks:
+        one[0].weight.data[:4] *= slope
     together = GoalNetworks(networks)
     inputs = 3.0 * torch.randn(400, 12)
     inputs[:, -3:] = inputs[:, -3:].sign()
@@ -202,8 +205,8 @@ def test_of_networks_for_each_goal_that_of_the_goal_acts_also_when_they_are_merg
     of_goal = {goal: together.networks[sum(2**i for i in range(3) if goal[i])] for goal in stands}
     expected = torch.stack([of_goal[goal](row) for goal, row in zip(stands, inputs, strict=True)])
     assert len(of_goal) == 8
-    torch.testing.assert_close(together(inputs), expected)
-    torch.testing.assert_close(together.merged()(inputs), expected, atol=1e-4, rtol=0.0)
+    torch.testing.assert_close(together(inputs), expected, atol=2e-4, rtol=0.0)
+    torch.testing.assert_close(together.merged()(inputs), expected, atol=2e-4, rtol=0.0)
 
 
 @pytest.mark.nightly

@@ -34,6 +34,7 @@ _ARGUMENTS: dict[tuple[str, bool], dict[int, dict[str, Any]]] = {
         3: {"seconds": 10.0, "guess": "mpc"},
         4: {"seconds": 12.0, "settle": 10.0, "guess": "mpc"},
         5: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
+        6: {"seconds": 14.0, "settle": 10.0, "guess": "mpc", "tries": 2},
     },
     # about standing: a strong one meets the force limit and loses more starts
     ("LQR", True): {n: {"action_weight": 100.0} for n in (3, 4, 5)},

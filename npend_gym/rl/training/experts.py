@@ -208,7 +208,8 @@ def rescuing_policy(name: str, config: EnvConfig) -> Policy:
 def _transition(settings: Any, config: EnvConfig, pair: Pair) -> PlannedTransition:
     """Return the plan between a pair of equilibria from which errors lead least far astray.
 
-    Where no guess of the wanted kind leads to a plan, the first plan of the other kind counts.
+    Where no guess of the wanted kind leads to a plan, the first plan of the other kind counts. Of
+    the best one variants are tried.
     """
     kind = settings.plan_guess
     others = _plans_between(settings, config, pair, "mpc" if kind == "waves" else "waves")
@@ -216,7 +217,8 @@ def _transition(settings: Any, config: EnvConfig, pair: Pair) -> PlannedTransiti
     if not found:
         raise RuntimeError(f"no guess led from {pair[0]} to {pair[1]}: give it more guesses")
     errors = settings.noise_std, settings.error_weight
-    return min(found, key=lambda plan: astray(config, plan, *errors))
+    best = min(found, key=lambda plan: astray(config, plan, *errors))
+    return steadied(config, best, settings.variants, settings.seed, *errors)
 
 
 def _plans_between(

@@ -14,7 +14,7 @@ from torch import nn
 
 from npend_gym._checks import FloatArray
 
-_GATE = 64.0  # tanh is -1 to rounding where twice this is missing
+_GATE, _SHUT = 64.0, 16.0  # tanh is -1 or 1 to rounding, beyond either
 
 
 class GoalNetworks(nn.Module):
@@ -42,23 +42,27 @@ class GoalNetworks(nn.Module):
     def merged(self) -> nn.Sequential:
         """Return a network with the units of all of them.
 
-        A gate keeps the units of other goals at -1, as long as the rest of what they are given is
-        at most 100. So it is known what they add to the outputs. One more unit for each goal, 1
-        where it is the goal and else -1, takes that away.
+        One more unit of the first layer for each goal is 1 where it is the goal and else -1. Where
+        it is not, a gate keeps the second layer for that goal at -1: what the first, between -1
+        and 1, can add there is less. So it is known what such units add to the outputs, and the
+        unit of the goal takes that away.
         """
         n, count = len(self._rods), len(self.networks)
         goals = 1.0 - 2.0 * (np.arange(count)[:, None] >> np.arange(n) & 1)
-        first, *middle, last = zip(*map(_layers, self.networks), strict=True)
-        weights, biases = list[FloatArray](), list[FloatArray]()
-        for (weight, bias), goal in zip(first, goals, strict=True):
-            biases.append(bias + weight[:, -n:] @ goal - _GATE * n)
-            weights.append(np.hstack([weight[:, :-n], np.tile(_GATE * goal, (len(weight), 1))]))
-        gates = np.hstack([np.zeros((count, weights[0].shape[1] - n)), _GATE * goals])
-        whole: list[tuple[Any, Any]] = [
-            (np.vstack([*weights, gates]), np.hstack([*biases, np.full(count, -_GATE * (n - 1))]))
-        ]
-        idle: list[FloatArray] = [-np.ones(len(bias)) for _, bias in first]
-        for layer in middle:
+        first, second, *later, last = zip(*map(_layers, self.networks), strict=True)
+        unseen = np.zeros((count, first[0][0].shape[1] - n))
+        shut = np.full(count, -_GATE * (n - 1))
+        whole: list[tuple[Any, Any]] = [(
+            np.vstack([*(weight for weight, _ in first), np.hstack([unseen, _GATE * goals])]),
+            np.hstack([*(bias for _, bias in first), shut]),
+        )]  # fmt: skip
+        gates = [np.abs(weight).sum(axis=1) + np.abs(bias) + _SHUT for weight, bias in second]
+        joined = block_diag(*(weight for weight, _ in second), _GATE * np.eye(count))
+        joined[:-count, -count:] = block_diag(*(gate[:, None] for gate in gates))
+        biases = [bias - gate for (_, bias), gate in zip(second, gates, strict=True)]
+        whole.append((joined, np.hstack([*biases, np.zeros(count)])))
+        idle: list[FloatArray] = [-np.ones(len(bias)) for _, bias in second]
+        for layer in later:
             parts = zip(layer, idle, strict=True)
             idle = [np.tanh(weight @ values + bias) for (weight, bias), values in parts]
             joined = block_diag(*(weight for weight, _ in layer), _GATE * np.eye(count))

@@ -317,11 +317,11 @@ def train(
     if settings.rescuer not in ("", "mpc"):
         rescuing_policy(settings.rescuer, config)
     goals_end_inputs = config.mode.has_goals and not config.observe_context
-    if settings.by_goal and not (goals_end_inputs and settings.length == 1):
+    if settings.by_goal and not (goals_end_inputs and settings.length == 1 < settings.layers):
         raise ValueError(
-            "by_goal must be False in a mode without goals, with memory or observe_context; "
-            f"got mode {config.mode.name!r}, length={settings.length} and "
-            f"observe_context={config.observe_context}"
+            "by_goal must be False in a mode without goals, with memory, observe_context or a "
+            f"single layer; got mode {config.mode.name!r}, length={settings.length}, "
+            f"observe_context={config.observe_context} and layers={settings.layers}"
         )
     if settings.by_goal and settings.spring_learning_rate > 0.0:
         rate = settings.spring_learning_rate
