@@ -4,10 +4,11 @@ The server is that of moto, on this machine; without moto and s3fs these tests s
 """
 
 import http.client
-import random
+import itertools
 import uuid
+from collections import Counter
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
+from threading import Lock, Thread
 
 import pytest
 from campaign_tables import completed
@@ -119,19 +120,33 @@ def test_a_url_without_its_library_is_an_error_that_names_the_command():
 
 
 class Faults:
-    """What happens to requests: some fail, of some the reply is lost, some come twice."""
+    """What happens to requests: some fail, of some the reply is lost, some come twice.
 
-    def __init__(self, seed):
-        self.rng = random.Random(seed)
-        self.counts = dict.fromkeys(("fine", "refused", "reply lost", "twice"), 0)
-        self.forever = False
+    Kinds take turns, whatever the threads do. A client tries twice, and others may ask for the same
+    file in between: after a fault the next few requests for a file have none.
+    """
 
-    def draw(self, method):
+    PUTS = "fine", "refused", "fine", "twice", "fine", "fine", "reply lost", "fine", "fine"
+    OTHERS = (*["fine"] * 6, "refused", *["fine"] * 6)
+    SPARED = 3
+
+    def __init__(self):
+        self.turns = {"PUT": itertools.cycle(self.PUTS), "": itertools.cycle(self.OTHERS)}
+        self.spared = Counter()
+        self.counts = dict.fromkeys(self.PUTS, 0)
+        self.forever, self.lock = False, Lock()
+
+    def draw(self, method, path):
         if self.forever:
             return "refused"
-        kinds, weights = [*self.counts], (6, 1, 1, 1) if method == "PUT" else (12, 1, 0, 0)
-        kind = self.rng.choices(kinds, weights)[0]
-        self.counts[kind] += 1
+        with self.lock:
+            kind = "fine"
+            if self.spared[path] > 0:
+                self.spared[path] -= 1
+            else:
+                kind = next(self.turns[method if method == "PUT" else ""])
+                self.spared[path] = self.SPARED * (kind in ("refused", "reply lost"))
+            self.counts[kind] += 1
         return kind
 
 
@@ -145,7 +160,7 @@ def forwarding(port, faults):
             if self.headers.get("Expect") == "100-continue":
                 del self.headers["Expect"]
             body = self.rfile.read(int(self.headers.get("Content-Length") or 0))
-            kind = faults.draw(self.command)
+            kind = faults.draw(self.command, self.path)
             for _ in range({"refused": 0, "twice": 2}.get(kind, 1)):
                 server = http.client.HTTPConnection("127.0.0.1", port)
                 server.request(self.command, self.path, body, dict(self.headers))
@@ -187,7 +202,7 @@ def server():
 @pytest.fixture
 def bucket(server, monkeypatch):
     """The URL of a folder in a new bucket, and the faults of its server."""
-    faults = Faults(1)
+    faults = Faults()
     proxy = ThreadingHTTPServer(("127.0.0.1", 0), forwarding(server, faults))
     Thread(target=proxy.serve_forever, daemon=True).start()
     for name, value in {
