@@ -50,7 +50,8 @@ LABELS = {
     "damping": "modal damping", "LQR": "LQR", "energy": "energy, then LQR",
     "plan": "plan, then LQR", "MPC": "MPC",
 }  # fmt: skip
-POLES = range(1, 6)  # on carts, for which controllers are compared
+# on carts, for which controllers are compared
+POLES = {"swingup": range(1, 7), "balance": range(1, 6)}
 REFERENCES = tuple(LABELS.values())
 
 
@@ -58,7 +59,7 @@ def references(task: str) -> dict[str, Controller]:
     """Return what a policy is compared with: chance, and controllers that know the equations."""
     keywords, rng = env_of_task(task), np.random.default_rng(0)
     mode, n = keywords["mode"], keywords["n"]
-    plans = range(1, 7) if "base" in keywords else PLANS
+    plans = POLES["swingup"] if "base" in keywords else PLANS
     names = {
         "balance": ["LQR"],
         "calm": ["damping", "LQR"],
@@ -78,7 +79,7 @@ def tasks() -> list[str]:
         task for trainer in TRAINERS.values() for task in trainer.TASKS
         if trainer is not imitation or "robust" not in task  # which robustness.py judges
     }  # fmt: skip
-    on_carts = {f"{mode}-{n}-cart" for mode in ("swingup", "balance") for n in POLES}
+    on_carts = {f"{mode}-{n}-cart" for mode, poles in POLES.items() for n in poles}
     return sorted(named | {f"swingup-{n}" for n in PLANS} | on_carts, key=place)
 
 

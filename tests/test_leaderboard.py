@@ -37,8 +37,8 @@ def test_every_result_is_complete_and_has_the_name_of_its_file():
 
 @pytest.mark.parametrize("suite", ["core", "hard"])
 def test_the_pretrained_results_are_of_the_policies_that_ship(suite):
-    """Else: `npend benchmark pretrained --suite SUITE --by npend_gym -o benchmarks/leaderboard`,
-    and `python docs/leaderboard.py`.
+    """After a policy has changed, `npend benchmark pretrained --suite SUITE --by npend_gym -o
+    benchmarks/leaderboard` and `python docs/leaderboard.py` make this pass.
     """
     (run,) = read_benchmarks([RESULTS / f"pretrained-{suite}-0.json"])
     of_files = run.record["model"]["sha256"]

@@ -259,10 +259,7 @@ def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
     assert "swingup-99" not in pretrained_names()
 
 
-LONG = (
-    "pendubot", "smooth", "performance", "hardware", "robust", "transition-3", "transition-3-cart",
-    "calm-50",
-)  # fmt: skip
+LONG = "pendubot", "smooth", "performance", "hardware", "robust", "transition-3", "calm-50"
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
 """Units of a network that begin as the feedback along a plan.
 
-Near a plan the expert's actions change steeply with the state: six poles on a cart are held by
-gains that exceed the slopes of a network with random weights a thousand times. To learn so steep a
-function takes very long. So some units of the first layer begin as the feedback at steps of the
-plan. Later layers learn where to heed which.
+Near a plan the expert's actions change steeply with the state. The gains that hold six poles on a
+cart are two thousand times as large as the random weights of a network. A network takes very long
+to learn such gains. So some units of the first layer begin as the feedback at steps of the plan.
+Later layers learn which of these units counts where.
 """
 
 # torch's stubs leave parts unknown
@@ -19,6 +19,7 @@ import torch
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
+from npend_gym.rl.training.goal_networks import numbers_of
 
 if TYPE_CHECKING:
     from npend_gym.rl.training.experts import Expert
@@ -43,11 +44,14 @@ def begin_as_feedback(
     """
     if count == 0:
         return
-    goals = [sum(map(int, 1 << np.flatnonzero(end))) for _, end in expert.pairs]
     states, gains = expert.trajectories[0], expert.gains
-    for number, network in enumerate(networks):
-        of_goal = [k for k, goal in enumerate(goals) if number == goal or len(networks) == 1]
-        plans = of_goal or [0]  # that of the nominal chain; or no plan leads to this goal
+    plans_of = [[*range(len(expert.pairs))] or [0]]  # without goals: that of the nominal chain
+    if len(networks) > 1:
+        ends = numbers_of(torch.tensor([end for _, end in expert.pairs])).numpy()
+        plans_of = [np.flatnonzero(ends == number).tolist() for number in range(len(networks))]
+    for plans, network in zip(plans_of, networks, strict=True):
+        if not plans:  # nobody is to reach this goal
+            continue
         rows = gains[plans].reshape(-1, gains.shape[-1])
         at = np.repeat(states[plans].reshape(-1, states.shape[-1]), gains.shape[2], axis=0)
         chosen = np.rint(np.linspace(0, len(rows) - 1, count)).astype(np.int64)
@@ -64,10 +68,10 @@ def begin_as_feedback(
 def feedback_rows(
     config: EnvConfig, states: FloatArray, gains: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return weights, (B, observed), and biases, (B,), with which sines and so on give a feedback.
+    """Return weights, (B, observed), and biases, (B,), that make feedback of an observation.
 
-    It is minus the gains, (B, 2c), times the deviation from the states, (B, 2c): exact for
-    velocities and places, and for the sines of deviations of angles.
+    The feedback is minus the gains, (B, 2c), times the deviation from the states, (B, 2c). Sines
+    take the place of deviations of angles.
     """
     n, c = config.n, states.shape[1] // 2
     of_angles, of_speeds = gains[:, :n], gains[:, c : c + n]

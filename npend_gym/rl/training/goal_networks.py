@@ -14,7 +14,13 @@ from torch import nn
 
 from npend_gym._checks import FloatArray
 
-_GATE, _SHUT = 64.0, 16.0  # tanh is -1 or 1 to rounding, beyond either
+_Layer = tuple[FloatArray, FloatArray]  # weights and biases
+_GATE = 16.0  # beyond it tanh is -1 or 1 to rounding
+
+
+def numbers_of(stands: torch.Tensor) -> torch.Tensor:
+    """Return the numbers of goals, (B,), from which rods stand in them, (B, n)."""
+    return (stands.long() << torch.arange(stands.shape[1])).sum(dim=1)
 
 
 class GoalNetworks(nn.Module):
@@ -27,12 +33,11 @@ class GoalNetworks(nn.Module):
     def __init__(self, networks: Sequence[nn.Sequential]) -> None:
         super().__init__()
         self.networks: nn.ModuleList = nn.ModuleList(networks)
-        self._rods = torch.arange(len(networks).bit_length() - 1)
+        self._n = len(networks).bit_length() - 1  # rods
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs, (B, joints), for inputs (B, k)."""
-        stands = inputs[:, -len(self._rods) :] < 0.0
-        numbers = (stands.long() << self._rods).sum(dim=1)
+        numbers = numbers_of(inputs[:, -self._n :] < 0.0)
         order = torch.argsort(numbers)
         counts = torch.bincount(numbers, minlength=len(self.networks)).tolist()
         parts = zip(self.networks, inputs[order].split(counts), strict=True)
@@ -42,31 +47,28 @@ class GoalNetworks(nn.Module):
     def merged(self) -> nn.Sequential:
         """Return a network with the units of all of them.
 
-        One more unit of the first layer for each goal is 1 where it is the goal and else -1. Where
-        it is not, a gate keeps the second layer for that goal at -1: what the first, between -1
-        and 1, can add there is less. So it is known what such units add to the outputs, and the
-        unit of the goal takes that away.
+        For each goal the first layer has one more unit: 1 in episodes with this goal, -1 in others.
+        In others a gate holds the units of the second layer at -1. It exceeds all that the first
+        layer can add, whose units lie between -1 and 1. So what idle units add to the outputs is
+        known, and the unit of their goal takes it away.
         """
-        n, count = len(self._rods), len(self.networks)
+        n, count = self._n, len(self.networks)
         goals = 1.0 - 2.0 * (np.arange(count)[:, None] >> np.arange(n) & 1)
         first, second, *later, last = zip(*map(_layers, self.networks), strict=True)
-        unseen = np.zeros((count, first[0][0].shape[1] - n))
-        shut = np.full(count, -_GATE * (n - 1))
-        whole: list[tuple[Any, Any]] = [(
-            np.vstack([*(weight for weight, _ in first), np.hstack([unseen, _GATE * goals])]),
-            np.hstack([*(bias for _, bias in first), shut]),
-        )]  # fmt: skip
-        gates = [np.abs(weight).sum(axis=1) + np.abs(bias) + _SHUT for weight, bias in second]
-        joined = block_diag(*(weight for weight, _ in second), _GATE * np.eye(count))
-        joined[:-count, -count:] = block_diag(*(gate[:, None] for gate in gates))
-        biases = [bias - gate for (_, bias), gate in zip(second, gates, strict=True)]
-        whole.append((joined, np.hstack([*biases, np.zeros(count)])))
+        of_goals = np.hstack([np.zeros((count, first[0][0].shape[1] - n)), _GATE * goals])
+        weights = np.vstack([*(weight for weight, _ in first), of_goals])
+        biases = np.hstack([*(bias for _, bias in first), np.full(count, -_GATE * (n - 1))])
+        whole: list[tuple[Any, Any]] = [(weights, biases)]
+        gates = [np.abs(weight).sum(axis=1) + np.abs(bias) + _GATE for weight, bias in second]
+        weights, biases = _side_by_side(second)
+        weights[:-count, -count:] = block_diag(*(gate[:, None] for gate in gates))
+        biases[:-count] -= np.hstack(gates)
+        whole.append((weights, biases))
         idle: list[FloatArray] = [-np.ones(len(bias)) for _, bias in second]
         for layer in later:
+            whole.append(_side_by_side(layer))
             parts = zip(layer, idle, strict=True)
             idle = [np.tanh(weight @ values + bias) for (weight, bias), values in parts]
-            joined = block_diag(*(weight for weight, _ in layer), _GATE * np.eye(count))
-            whole.append((joined, np.hstack([*(bias for _, bias in layer), np.zeros(count)])))
         left = [weight @ values for (weight, _), values in zip(last, idle, strict=True)]
         added = [bias for _, bias in last]
         outputs = np.hstack([*(weight for weight, _ in last), 0.5 * np.add(added, left).T])
@@ -75,7 +77,14 @@ class GoalNetworks(nn.Module):
         return nn.Sequential(*modules[:-1])
 
 
-def _layers(network: Any) -> list[tuple[FloatArray, FloatArray]]:
+def _side_by_side(layer: Sequence[_Layer]) -> _Layer:
+    """Return the layers of all networks as one, which hands the units of the goals on."""
+    count = len(layer)
+    weights = block_diag(*(weight for weight, _ in layer), _GATE * np.eye(count))
+    return weights, np.hstack([*(bias for _, bias in layer), np.zeros(count)])
+
+
+def _layers(network: Any) -> list[_Layer]:
     """Return weights and biases of the layers of a network."""
     arrays = [each.detach().numpy().astype(np.float64) for each in network.parameters()]
     return list(zip(arrays[::2], arrays[1::2], strict=True))
