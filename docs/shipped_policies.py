@@ -32,7 +32,11 @@ TASKS = (
     ("`npend/Calm-v1`, `n=20`", "bring a released chain to rest", "calm-20"),
     ("`npend/CartTriplePole-v1`", "keep three poles upright on a cart", "balance-3-cart"),
     ('`npend/CartDoublePole-v1`, `mode="swingup"`', "swing up two poles", "swingup-2-cart"),
-    ("`npend/SwingUp-v1`, `**policy.env`", "`swingup-6-cart`: six such poles", "swingup-6-cart"),
+    (
+        "`npend/SwingUp-v1`, `**policy.env`",
+        "`swingup-6-cart`: six such poles, 20 N, 3 m to each side",
+        "swingup-6-cart",
+    ),
     ("`npend/Release-v1`", "none: the free release is measured", ""),
 )
 CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MPC")
