@@ -25,11 +25,13 @@ TRAINED: dict[str, Any] = gym.spec(ID).kwargs | {
     "mode": "swingup", "n": 2, "observation": "sincos", "dt": PufferDoublePendulum.dt,
     "spread": PufferDoublePendulum.spread,
 }  # fmt: skip
-# Of the seeds 0 to 99 this one alone leads to a plan as short as 2.2 s
-PLAN: dict[str, Any] = {"seconds": 2.2, "plan_guess": "waves", "plan_seed": 73, "guesses": 1}
+PLAN: dict[str, Any] = {  # poles and cart are slow from 1.72 s on
+    "seconds": 2.92, "plan_guess": "waves", "plan_seed": 12, "guesses": 1, "cart_position": 2.0,
+    "speed_weight": 2.0, "slow_from": 1.72,
+}  # fmt: skip
 LEARNING: dict[str, Any] = {
     "rounds": 24, "num_envs": 192, "standing": 200, "hidden": 128, "obs_scale": (0.5, 0.5, 4.0),
-    "muon_learning_rate": 0.015, "averaging": 0.998,
+    "muon_learning_rate": 0.015, "averaging": 0.998, "minibatch_size": 256, "updates": 800,
     # The coarse forces lead far from the plan, and the expert brings the chain back
     "take_over": 10.0, "hand_back": 3.0, "lost": 1000.0,
 }  # fmt: skip

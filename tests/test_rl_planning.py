@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from npend_gym import Cart, Chain, simulate
 from npend_gym.envs import EnvConfig
@@ -12,7 +13,7 @@ from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.controllers.regulators import softened
 from npend_gym.rl.controllers.step_model import StepModel, state_of
 from npend_gym.rl.controllers.tracking import track
-from npend_gym.rl.controllers.transcription import MAX_ACTION, MAX_PLACE, Transcription
+from npend_gym.rl.controllers.transcription import MAX_ACTION, MAX_PLACE, Transcription, Weights
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +162,8 @@ def test_similar_chains_have_similar_plans_where_these_are_to_be_like_one_plan(t
 @pytest.mark.parametrize("keywords", [{"n": 2}, {"n": 2, "base": "cart"}])
 def test_the_gradient_of_a_plans_cost_is_that_of_finite_differences(keywords):
     config, rng = EnvConfig(mode="swingup", **keywords), np.random.default_rng(0)
-    problem = Transcription(config, 6, np.zeros(2), np.full(2, np.pi), weights=(0.3, 0.2))
+    weights = Weights(0.3, 0.2, slow_from=2 * config.dt)
+    problem = Transcription(config, 6, np.zeros(2), np.full(2, np.pi), weights=weights)
     size = 6 * (problem.size + problem.joints) - problem.size
     z, directions = rng.normal(0.0, 0.5, size), rng.normal(size=(8, size))
     _, gradient = problem.normal_equations(z, problem.defects(z), 2.0)
@@ -170,7 +172,7 @@ def test_the_gradient_of_a_plans_cost_is_that_of_finite_differences(keywords):
         difference = np.diff([problem.cost(end, problem.defects(end), 2.0) for end in ends])[0]
         assert 2.0 * gradient @ along == pytest.approx(-difference / 2e-5, rel=1e-5)
     # without motion between the states, the band is the second derivative of what is left
-    still = Transcription(config, 6, np.zeros(2), np.full(2, np.pi), weights=(0.3, 0.2))
+    still = Transcription(config, 6, np.zeros(2), np.full(2, np.pi), weights=weights)
     costs = [still.cost(z + h * directions[0], 0.0 * still.defects(z), 0.0) for h in (1, 0, -1)]
     left, _ = still.normal_equations(z, 0.0 * still.defects(z), 0.0)
     matrix = sum(np.diag(left[k, : size - k], -k) for k in range(len(left)))
@@ -191,6 +193,36 @@ def test_weights_make_a_plan_slow_and_smooth():
     assert changes[1] < 0.5 * changes[0]
     with pytest.raises(ValueError, match="change_weight must be"):
         planned_swing_up(config, 3.0, change_weight=-1.0)
+
+
+def test_a_plan_that_is_to_be_slow_near_its_end_is_not_slower_before():
+    config = EnvConfig(n=1, mode="swingup", max_torque=5.0)
+    options, after = {"tries": 1, "guess": "waves"}, round(2.0 / config.dt)
+    plain, always, late = (
+        np.square(planned_swing_up(config, 3.0, **options, **weights).nominal.states[:, 1])
+        for weights in ({}, {"speed_weight": 6.0}, {"speed_weight": 6.0, "slow_from": 2.0})
+    )
+    assert late[after:].sum() < 0.6 * plain[after:].sum()
+    assert late[:after].sum() > 0.99 * plain[:after].sum() > 1.02 * always[:after].sum()
+    with pytest.raises(ValueError, match="slow_from must be"):
+        planned_swing_up(config, 3.0, slow_from=-1.0)
+
+
+def test_feedback_with_discrete_torques_leaves_the_least_cost_after_the_step():
+    keywords = {"n": 2, "mode": "swingup", "actuated": (0, 1), "torque_levels": 5}
+    config, rng = EnvConfig(**keywords), np.random.default_rng(0)
+    plan = planned_swing_up(config, 4.0, tries=1, guess="waves")
+    states, actions = plan.nominal
+    a, b = StepModel(config).derivatives(states[:-1], actions)
+    for k in range(0, len(actions), 8):
+        deviation = rng.normal(size=4)
+
+        def cost_after(change, k=k, deviation=deviation):
+            away = a[k] @ deviation + b[k] @ change
+            return away @ plan.costs[k + 1] @ away
+
+        best = minimize(cost_after, np.zeros(2), method="BFGS", options={"gtol": 1e-10}).x
+        np.testing.assert_allclose(-plan.gains[k] @ deviation, best, rtol=1e-4, atol=1e-4)
 
 
 def test_a_plan_begins_from_any_whole_turn():

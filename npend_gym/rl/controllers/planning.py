@@ -27,7 +27,12 @@ from npend_gym.rl.controllers.step_model import (
     checked_place,
 )
 from npend_gym.rl.controllers.tracking import START, PlannedTransition, rest_of, track
-from npend_gym.rl.controllers.transcription import MAX_PLACE, NominalTrajectory, Transcription
+from npend_gym.rl.controllers.transcription import (
+    MAX_PLACE,
+    NominalTrajectory,
+    Transcription,
+    Weights,
+)
 from npend_gym.rl.evaluation.settings import keywords_of, number_of_steps
 
 GUESSES = "waves", "mpc"
@@ -47,6 +52,7 @@ def planned_swing_up(
     cart_position: float = 0.0,
     speed_weight: float = 0.0,
     change_weight: float = 0.0,
+    slow_from: float = 0.0,
 ) -> PlannedTransition:
     """Plan swing-ups and return the one that is least sensitive to deviations at its start.
 
@@ -74,7 +80,8 @@ def planned_swing_up(
         )
     return _best_plan(
         config, np.zeros(config.n), np.full(config.n, np.pi), GUESSES if guess is None else guess,
-        seconds, settle, tries, seed, progress, cart_position, (speed_weight, change_weight),
+        seconds, settle, tries, seed, progress, cart_position,
+        Weights(speed_weight, change_weight, slow_from),
     )  # fmt: skip
 
 
@@ -92,6 +99,7 @@ def planned_transition(
     cart_position: float = 0.0,
     speed_weight: float = 0.0,
     change_weight: float = 0.0,
+    slow_from: float = 0.0,
 ) -> PlannedTransition:
     """Plan motions between equilibria; return the one least sensitive to deviations at its start.
 
@@ -124,6 +132,9 @@ def planned_transition(
     speed_weight, change_weight : float
         A plan has little of the sum over steps of action^2 + (speed_weight [s/rad] speed of the
         joints)^2 + (change_weight [s] rate of the action)^2: for slow joints and smooth torques.
+    slow_from : float
+        Time [s] from which the speed of the joints, and of a cart, counts: for a quick swing-up
+        that is slow near its end.
 
     Returns
     -------
@@ -155,7 +166,8 @@ def planned_transition(
     )
     return _best_plan(
         config, begin, end, GUESSES[::-1] if guess is None else guess,
-        seconds, settle, tries, seed, progress, cart_position, (speed_weight, change_weight),
+        seconds, settle, tries, seed, progress, cart_position,
+        Weights(speed_weight, change_weight, slow_from),
     )  # fmt: skip
 
 
@@ -170,11 +182,11 @@ def _best_plan(
     seed: int,
     progress: Callable[[Iterable[int]], Iterable[int]],
     cart_position: float,
-    weights: tuple[float, float],
+    weights: Weights,
 ) -> PlannedTransition:
     """Return the plan of `planned_transition`; start and goal are exact, (n,)."""
-    for name, weight in zip(("speed_weight", "change_weight"), weights, strict=True):
-        _checks.nonnegative_number(name, weight)
+    for name, value in zip(("speed_weight", "change_weight", "slow_from"), weights, strict=True):
+        _checks.nonnegative_number(name, value)
     place = checked_place(config, cart_position, MAX_PLACE)
     if np.array_equal(begin, end) and place == 0.0:
         cart = ", or cart_position another place" if config.has_cart else ""

@@ -89,7 +89,8 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
     """Return the controller that tracks `nominal`, which begins and ends in equilibria.
 
     The trajectory has the chain's own dry friction. Feedback takes friction as `lqr` does about the
-    goal.
+    goal. Of discrete actions the nearest is taken. It is wrong anyway, so that their size costs
+    nothing while tracking: the feedback is steeper.
     """
     (start, begin), (goal, place) = (rest_of(config, nominal.states[k]) for k in (0, -1))
     at_goal, s, rub = riccati(config, goal, 1.0)
@@ -103,6 +104,8 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
         gains[k] = np.linalg.solve(hessians[k], b[k].T @ s @ a[k])
         s = state_weights(config) + a[k].T @ s @ (a[k] - b[k] @ gains[k])
         s = costs[k] = 0.5 * (s + s.T)
+    if config.torque_levels is not None:  # then actions count by what they lead to alone
+        gains[:] = np.linalg.solve(hessians - np.eye(joints), hessians @ gains)
     return PlannedTransition(
         nominal, gains, costs, np.diagonal(hessians, axis1=1, axis2=2),
         StateFeedback(config, start, riccati(config, start, 1.0).gain, begin),

@@ -18,12 +18,13 @@ from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, beyond
 
 MAX_ACTION = 0.9  # of a planned trajectory: the rest of the torque is for tracking
+_MAX_DISCRETE = 0.97  # where a part of the torque is no action, and the nearest action is taken
 MAX_PLACE = 0.85  # of the rail, likewise
 _ACTION_WEIGHT = 0.05
 _TOLERANCE = 1e-7  # of a step: rad, and 0.3 rad/s
 _MAX_ITERATIONS = 300
 _HALF_WAVES = 6  # half sines in the first guess
-_MAX_GUESS = 0.97  # of MAX_ACTION: actions that are guessed can still change both ways
+_MAX_GUESS = 0.97  # of the largest action: actions that are guessed can still change both ways
 _MAX_UNKNOWN = 60.0  # rad or rad/s; no useful trajectory exceeds it
 
 
@@ -34,19 +35,29 @@ class NominalTrajectory(NamedTuple):
     actions: FloatArray  # (steps, joints), torques divided by their limit
 
 
+class Weights(NamedTuple):
+    """What counts beside the squares of actions, see `planned_transition`."""
+
+    speed: float = 0.0  # [s/rad]
+    change: float = 0.0  # [s]
+    slow_from: float = 0.0  # [s]: when the speeds begin to count
+
+
+_NO_WEIGHTS = Weights()
+
+
 class Transcription:
     """The least-squares problem: small defects, with a growing weight, and wanted actions.
 
     A defect is by how much a step of the environment misses the next state. The unknowns z are, in
-    the order of time, the state before each step and v, where the actions are MAX_ACTION tanh v.
+    the order of time, the state before each step and v, where actions are tanh v times the largest.
     The first state is known: z has (steps - 1) (2c + joints) + joints entries. How far a cart is
     beyond MAX_PLACE of its rail is weighted as a defect is.
 
     `start` and `goal` are equilibria, (n,): the angles at the start, and those at the end but for
     whole turns [rad]. A cart goes from the middle of its rail to `place` [m].
 
-    `weights` are those of the speeds of the joints and of the changes of the actions in time,
-    beside actions with the weight 1, see `planned_transition`.
+    `weights` are those of other things than actions, see `planned_transition`.
     """
 
     def __init__(
@@ -56,7 +67,7 @@ class Transcription:
         start: FloatArray,
         goal: FloatArray,
         place: float = 0.0,
-        weights: tuple[float, float] = (0.0, 0.0),
+        weights: Weights = _NO_WEIGHTS,
     ) -> None:
         self.n: int = config.chain.n
         self.joints: int = config.joints.size
@@ -69,10 +80,12 @@ class Transcription:
         self.end = np.zeros(self.size)  # the state in which the trajectory ends
         self.wanted = np.zeros((steps, self.joints))  # v
         self.scale: NDArray[Any] = np.repeat([1.0, 0.3], self.size // 2)
-        self.change: float = _ACTION_WEIGHT * weights[1] / config.dt  # of v, from step to step
+        self.largest: float = MAX_ACTION if config.torque_levels is None else _MAX_DISCRETE
+        self.change: float = _ACTION_WEIGHT * weights.change / config.dt  # of v, from step to step
         rates = np.eye(self.size)[self.size // 2 :]  # of the joints, and of a cart, by the state
         rates[1 : self.n] -= rates[: self.n - 1]
-        self.speeds: FloatArray = _ACTION_WEIGHT * weights[0] * rates
+        self.speeds: FloatArray = _ACTION_WEIGHT * weights.speed * rates
+        self.slow: slice = slice(round(weights.slow_from / config.dt), None)  # steps
 
     def solve(
         self, end: FloatArray, z: FloatArray, like: NominalTrajectory | None = None
@@ -141,7 +154,7 @@ class Transcription:
         """Return the nearest end and z of a motion that ends near the goal, as a guess."""
         turns = np.rint((states[-1, : self.n] - self.goal) / (2.0 * np.pi))
         end = self._end_at(self.goal + 2.0 * np.pi * turns)
-        v = np.arctanh(np.clip(actions / MAX_ACTION, -_MAX_GUESS, _MAX_GUESS))
+        v = np.arctanh(np.clip(actions / self.largest, -_MAX_GUESS, _MAX_GUESS))
         return end, np.hstack([states[:-1], v]).ravel()[self.size :]
 
     def _end_at(self, angles: FloatArray) -> FloatArray:
@@ -155,7 +168,7 @@ class Transcription:
     def trajectory(self, z: FloatArray) -> NominalTrajectory:
         """Return the unknowns as states and actions."""
         states, v = self.rows(z)
-        return NominalTrajectory(np.vstack([states, self.end]), MAX_ACTION * np.tanh(v))
+        return NominalTrajectory(np.vstack([states, self.end]), self.largest * np.tanh(v))
 
     def defects(self, z: FloatArray) -> FloatArray:
         """Return by how much each step misses the next state, (steps, 2c)."""
@@ -167,7 +180,11 @@ class Transcription:
         states, v = self.rows(z)
         v, far = v - self.wanted, beyond(self.model.config, states, MAX_PLACE)
         missed = float(np.vdot(defects, defects)) + float(np.vdot(far, far))
-        wanted = _ACTION_WEIGHT * v, states @ self.speeds.T, self.change * self.changes(z)
+        wanted = (
+            _ACTION_WEIGHT * v,
+            states[self.slow] @ self.speeds.T,
+            self.change * self.changes(z),
+        )
         return weight**2 * missed + sum(float(np.vdot(each, each)) for each in wanted)
 
     def changes(self, z: FloatArray) -> FloatArray:
@@ -184,7 +201,7 @@ class Transcription:
         """
         size, (states, actions) = self.size, self.trajectory(z)
         a, b = self.model.derivatives(states[:-1], actions)
-        b = b * (MAX_ACTION - actions**2 / MAX_ACTION)[:, None, :]  # by v
+        b = b * (self.largest - actions**2 / self.largest)[:, None, :]  # by v
         scale = weight * self.scale[:, None]
         here = scale * np.concatenate([a, b], axis=2)
         # below the diagonal: rows of the state and action of step k, then of the next state
@@ -193,7 +210,7 @@ class Transcription:
         columns[:, :both] = np.swapaxes(here, 1, 2) @ here
         columns[1:, range(size), range(size)] += scale[:, 0] ** 2
         columns[:, range(size, both), range(size, both)] += _ACTION_WEIGHT**2
-        columns[:, :size, :size] += self.speeds.T @ self.speeds
+        columns[self.slow, :size, :size] += self.speeds.T @ self.speeds
         of_change = self.change**2
         columns[1:, range(size, both), range(size, both)] += of_change
         columns[:-1, range(size, both), range(size, both)] += of_change
@@ -208,7 +225,7 @@ class Transcription:
         gradient[1:, :size] -= scale[:, 0] * residual[:-1]
         gradient[:, self.n] += weight**2 * far
         gradient[:, size:] += _ACTION_WEIGHT**2 * (self.rows(z)[1] - self.wanted)
-        gradient[:, :size] += states[:-1] @ self.speeds.T @ self.speeds
+        gradient[self.slow, :size] += states[:-1][self.slow] @ self.speeds.T @ self.speeds
         changes = of_change * self.changes(z)
         gradient[1:, size:] += changes
         gradient[:-1, size:] -= changes

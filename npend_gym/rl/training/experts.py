@@ -47,6 +47,7 @@ _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
 _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64) / 0.1
 _LAGGING = 32.0  # sub-environments in which the motor has a lag
 _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
+_OF_PLANS = "speed_weight", "change_weight", "slow_from", "cart_position"  # that swing up
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
 _GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
 _REPLANNED, _BEGINS = 4, 30.0  # MPC helps in one round of so many; cost from which it acts
@@ -240,7 +241,7 @@ def _swing_up(
     seed = settings.plan_seed
     seed = guess + (settings.guesses * settings.seed if seed is None else seed)
     options: dict[str, Any] = {"tries": settings.tries, "guess": settings.plan_guess, "seed": seed}
-    options |= {name: getattr(settings, name) for name in ("speed_weight", "change_weight")}
+    options |= {name: getattr(settings, name) for name in _OF_PLANS}
     plan = planned_swing_up(config, settings.seconds, **options)
     errors = settings.noise_std, settings.error_weight
     return steadied(config, plan, settings.variants, seed, *errors, progress=progress)

@@ -20,6 +20,8 @@ class Settings(TrainingSettings):
     plan_guess: str = "mpc"  # or "waves", see `planned_swing_up`
     speed_weight: float = 0.0  # [s/rad] of a plan: for slow joints, likewise
     change_weight: float = 0.0  # [s] of a plan: for smooth torques
+    slow_from: float = 0.0  # [s] when the speeds of a plan begin to count
+    cart_position: float = 0.0  # [m] where a plan ends
     variants: int = 0  # of a plan that are tried, to keep what errors lead less astray from
     error_weight: float = 0.0  # of slightly wrong chains, and of lags, where plans are compared
     rescuer: str = ""  # acts where an expert has lost the chain: a policy or its file, or "mpc"
