@@ -64,9 +64,9 @@ def evaluated_pairs(controller: Controller, keywords: dict[str, Any]) -> list[di
         envs = setting.make(EPISODES)
         options = {"start": np.tile(start, (EPISODES, 1)), "goal": np.tile(goal, (EPISODES, 1))}
         last_failure, success = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
-        for step in rollout(controller, envs, HELD_OUT, options):
-            success = step.info["success"]
-            last_failure = np.where(success, last_failure, step.info["time"])
+        for running, _, _, info in rollout(controller, envs, HELD_OUT, options):
+            success = np.where(running, info["success"], success)  # a cart's episode may end early
+            last_failure = np.where(running & ~info["success"], info["time"], last_failure)
         settled = round(float(last_failure[success].mean()), 2) if success.any() else None
         row = {"from": name_of(start), "to": name_of(goal), "success": int(success.sum())}
         rows.append(row | {"episodes": EPISODES, "settling_time": settled})

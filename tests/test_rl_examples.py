@@ -331,6 +331,19 @@ def test_transitions_judges_a_policy_in_its_own_environment(call, tmp_path, monk
     assert len(judged) == 2
 
 
+def test_transitions_counts_an_episode_that_ends_early_as_it_ended(monkeypatch):
+    import transitions
+
+    def rollout(*_):
+        for running, time in ((True, 1.0), (False, 2.0)):  # then the next episode has begun
+            succeeds = np.full(transitions.EPISODES, not running)
+            yield ~succeeds, {}, 0.0, {"success": succeeds, "time": np.full(succeeds.size, time)}
+
+    monkeypatch.setattr(transitions, "rollout", rollout)
+    rows = transitions.evaluated_pairs(None, {"n": 1, "mode": "transition", "base": "cart"})
+    assert [row["success"] for row in rows] == [0, 0]
+
+
 @pytest.mark.parametrize(
     ("env_id", "normalize"),
     [("Balance", True), ("Balance", "dict(norm_obs=False)"), ("Transition", True)],

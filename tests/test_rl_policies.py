@@ -259,7 +259,7 @@ def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
     assert "swingup-99" not in pretrained_names()
 
 
-LONG = "pendubot", "smooth", "performance", "hardware", "robust", "transition-3", "calm-50"
+LONG = "pendubot", "smooth", "performance", "hardware", "robust", "calm-50"
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ LONG = "pendubot", "smooth", "performance", "hardware", "robust", "transition-3"
         # kernels of links take long to compile, and many steps of many rods long to take
         pytest.param(
             name,
-            marks=[pytest.mark.long] * name.endswith(LONG)
+            marks=[pytest.mark.long] * (name.endswith(LONG) or "transition-3" in name)
             + [pytest.mark.nightly] * (name == "calm-50"),
         )
         for name in pretrained_names()
