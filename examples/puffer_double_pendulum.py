@@ -30,7 +30,7 @@ PLAN: dict[str, Any] = {  # poles and cart are slow from 1.72 s on
     "speed_weight": 2.0, "slow_from": 1.72,
 }  # fmt: skip
 LEARNING: dict[str, Any] = {
-    "rounds": 24, "num_envs": 192, "standing": 200, "hidden": 128, "obs_scale": (0.5, 0.5, 4.0),
+    "rounds": 8, "num_envs": 192, "standing": 200, "hidden": 128, "obs_scale": (0.5, 0.5, 4.0),
     "muon_learning_rate": 0.015, "averaging": 0.998, "minibatch_size": 256, "updates": 800,
     # The coarse forces lead far from the plan, and the expert brings the chain back
     "take_over": 10.0, "hand_back": 3.0, "lost": 1000.0,
