@@ -37,7 +37,11 @@ TASKS = (
         "`swingup-6-cart`: six such poles, 20 N, 3 m to each side",
         "swingup-6-cart",
     ),
-    ("`npend/Transition-v1`, `**policy.env`", "three poles on a cart", "transition-3-cart"),
+    (
+        "`npend/Transition-v1`, `**policy.env`",
+        "`transition-3-cart`: three poles on a cart",
+        "transition-3-cart",
+    ),
     ("`npend/Release-v1`", "none: the free release is measured", ""),
 )
 CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MPC")

@@ -23,13 +23,12 @@ from tqdm import tqdm
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.report import write_csv
 from npend_gym.rl import (
-    HELD_OUT,
     Controller,
     PlannedTransitions,
+    evaluate,
     find_policy,
     planned_transitions,
     pretrained_names,
-    rollout,
     setting_of,
 )
 
@@ -57,18 +56,13 @@ def plans_of(keywords: dict[str, Any], path: Path | None, tries: int) -> Planned
 
 def evaluated_pairs(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, Any]]:
     """Return a row for every pair of equilibria, with the success in its episodes."""
-    setting, rows = setting_of(keywords), list[dict[str, Any]]()
-    n = setting.config.n
+    n, rows = setting_of(keywords).config.n, list[dict[str, Any]]()
     equilibria = np.pi * np.array(list(itertools.product([0.0, 1.0], repeat=n)))
     for start, goal in tqdm(list(itertools.permutations(equilibria, 2)), "pairs", disable=None):
-        envs = setting.make(EPISODES)
         options = {"start": np.tile(start, (EPISODES, 1)), "goal": np.tile(goal, (EPISODES, 1))}
-        last_failure, success = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
-        for running, _, _, info in rollout(controller, envs, HELD_OUT, options):
-            success = np.where(running, info["success"], success)  # a cart's episode may end early
-            last_failure = np.where(running & ~info["success"], info["time"], last_failure)
-        settled = round(float(last_failure[success].mean()), 2) if success.any() else None
-        row = {"from": name_of(start), "to": name_of(goal), "success": int(success.sum())}
+        found = evaluate(controller, keywords, episodes=EPISODES, options=options)
+        row = {"from": name_of(start), "to": name_of(goal), "success": int(found.success.sum())}
+        settled = found.as_row()["settling_time"]
         rows.append(row | {"episodes": EPISODES, "settling_time": settled})
     return rows
 

@@ -17,6 +17,7 @@ from test_examples import ROOT
 
 from npend_gym import rl
 from npend_gym.rl import Policy
+from npend_gym.rl.evaluation import episodes
 from npend_gym.rl.training.tasks import env_of_task
 
 EXAMPLES = ROOT / "examples"
@@ -318,7 +319,7 @@ def test_transitions_judges_a_policy_in_its_own_environment(call, tmp_path, monk
     path = tmp_path / "a.safetensors"
     zeros = np.zeros((1, observed), np.float32)
     Policy(np.ones(observed, np.float32), [zeros], [np.zeros(1, np.float32)], env).save(path)
-    monkeypatch.setattr(transitions, "rollout", rollout)
+    monkeypatch.setattr(episodes, "rollout", rollout)
     call(transitions, 1, "--policy", path, "--csv", tmp_path / "new" / "table.csv")
     assert [config.chain.lengths.tolist() for config in judged] == [[0.5]] * 2
     assert (tmp_path / "new" / "table.csv").exists()
@@ -337,10 +338,17 @@ def test_transitions_counts_an_episode_that_ends_early_as_it_ended(monkeypatch):
     def rollout(*_):
         for running, time in ((True, 1.0), (False, 2.0)):  # then the next episode has begun
             succeeds = np.full(transitions.EPISODES, not running)
-            yield ~succeeds, {}, 0.0, {"success": succeeds, "time": np.full(succeeds.size, time)}
+            info = still | {"success": succeeds, "time": np.full(succeeds.size, time)}
+            yield ~succeeds, still, np.zeros(succeeds.size), info
 
-    monkeypatch.setattr(transitions, "rollout", rollout)
-    rows = transitions.evaluated_pairs(None, {"n": 1, "mode": "transition", "base": "cart"})
+    columns = np.zeros((transitions.EPISODES, 1))
+    still = {"theta": columns, "omega": columns}
+    still |= {"cart_position": columns[:, 0], "cart_velocity": columns[:, 0]}
+
+    monkeypatch.setattr(episodes, "rollout", rollout)
+    rows = transitions.evaluated_pairs(
+        lambda *_: None, {"n": 1, "mode": "transition", "base": "cart"}
+    )
     assert [row["success"] for row in rows] == [0, 0]
 
 

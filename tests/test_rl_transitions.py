@@ -353,3 +353,15 @@ def test_the_environments_keep_their_plans_where_one_has_none(both):
     with pytest.raises(ValueError, match="there is no plan"):
         only_up(None, info | other | {"goal": goal * [[1.0], [0.0]]})
     np.testing.assert_array_equal(only_up(None, info), expected)
+
+
+def test_an_evaluation_takes_options_of_reset():
+    keywords = {"n": 1, "mode": "transition"}
+    plan = planned_transition(EnvConfig(**keywords), 0.0, np.pi, 3.0, tries=1)
+    hangs, stands = np.zeros((8, 1)), np.full((8, 1), np.pi)
+    there, back = (
+        evaluate(plan, keywords, episodes=8, options={"start": start, "goal": goal})
+        for start, goal in ((hangs, stands), (stands, hangs))
+    )
+    assert there.success_rate == 1.0
+    assert back.success_rate == 0.0

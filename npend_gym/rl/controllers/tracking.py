@@ -89,8 +89,8 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
     """Return the controller that tracks `nominal`, which begins and ends in equilibria.
 
     The trajectory has the chain's own dry friction. Feedback takes friction as `lqr` does about the
-    goal. Of discrete actions the nearest is taken. It is wrong anyway, so that their size costs
-    nothing while tracking: the feedback is steeper.
+    goal. Discrete actions are rounded, so that their size has no cost while tracking. This
+    makes the feedback steeper.
     """
     (start, begin), (goal, place) = (rest_of(config, nominal.states[k]) for k in (0, -1))
     at_goal, s, rub = riccati(config, goal, 1.0)

@@ -18,7 +18,7 @@ from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, beyond
 
 MAX_ACTION = 0.9  # of a planned trajectory: the rest of the torque is for tracking
-_MAX_DISCRETE = 0.97  # where a part of the torque is no action, and the nearest action is taken
+_MAX_DISCRETE = 0.97  # of a plan for discrete actions, which are rounded to the nearest
 MAX_PLACE = 0.85  # of the rail, likewise
 _ACTION_WEIGHT = 0.05
 _TOLERANCE = 1e-7  # of a step: rad, and 0.3 rad/s

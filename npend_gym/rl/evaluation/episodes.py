@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,6 +110,7 @@ def evaluate(
     seed: int = HELD_OUT,
     deterministic: bool = True,
     n_eval_episodes: int | None = None,
+    options: Mapping[str, Any] | None = None,
 ) -> Evaluation:
     """Let a model act in whole episodes, all side by side.
 
@@ -137,6 +139,8 @@ def evaluate(
         PyTorch's generator: ``torch.manual_seed(0)`` before makes them the same again.
     n_eval_episodes : int, optional
         Another name of `episodes`, that of Stable-Baselines3's `evaluate_policy`.
+    options : mapping, optional
+        Options of `reset`, such as ``{"start": start, "goal": goal}`` in mode "transition".
 
     Returns
     -------
@@ -178,7 +182,7 @@ def evaluate(
     controller = as_controller(model, config, setting.wrappers, deterministic=deterministic)
     returns, work, last_failure = np.zeros((3, episodes))
     success, idle = np.zeros(episodes, np.bool_), np.zeros((episodes, 0))
-    for running, before, reward, info in rollout(controller, envs, seed):
+    for running, before, reward, info in rollout(controller, envs, seed, options):
         turned = (joint_motion(info)[0] - joint_motion(before)[0])[:, config.joints]
         step_work = np.abs(info.get("torque", idle) * turned).sum(axis=1)
         returns += np.where(running, reward, 0.0)
