@@ -28,7 +28,7 @@ from npend_gym.rl.training.experts import (  # noqa: E402
     steadied,
 )
 from npend_gym.rl.training.imitation_settings import ERRORS  # noqa: E402
-from npend_gym.rl.training.optimizers import Spring  # noqa: E402
+from npend_gym.rl.training.optimizers import Muon, Spring  # noqa: E402
 from npend_gym.rl.training.tasks import network  # noqa: E402
 
 TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
@@ -119,6 +119,31 @@ def test_muon_changes_most_directions_of_a_matrix_alike_and_adam_the_rest():
         values = torch.linalg.svdvals(change)
         assert values.median() > 0.5 * values.max()
     assert not any(change.any() for change in others)  # Adam's, whose rate is 0
+
+
+def changed_by(kind, gradients, precision, **keywords):
+    """Matrices of zeros after steps of an optimizer with a rate of 0.01."""
+    matrices = [
+        torch.nn.Parameter(torch.zeros_like(each, dtype=precision)) for each in gradients[0]
+    ]
+    optimizer = kind(matrices, **keywords)
+    optimizer.param_groups[0]["lr"] = 0.01
+    for step in gradients:
+        for matrix, gradient in zip(matrices, step, strict=True):
+            matrix.grad = gradient.to(precision)
+        optimizer.step()
+    return [matrix.detach().double() for matrix in matrices]
+
+
+def test_muon_is_that_of_torch_in_the_precision_of_the_gradients():
+    drawn = torch.Generator().manual_seed(0)
+    shapes = (40, 9), (9, 40), (30, 30)
+    gradients = [[torch.randn(shape, generator=drawn) for shape in shapes] for _ in range(10)]
+    single, double = (changed_by(Muon, gradients, kind) for kind in (torch.float32, torch.float64))
+    rounded = changed_by(torch.optim.Muon, gradients, torch.float32, weight_decay=0.0)
+    for ours, exact, theirs in zip(single, double, rounded, strict=True):
+        assert torch.linalg.norm(ours - exact) < 1e-5 * torch.linalg.norm(exact)
+        assert torch.linalg.norm(theirs - exact) < 0.02 * torch.linalg.norm(exact)  # of 8 bits
 
 
 def test_spring_makes_the_smallest_change_from_the_last_that_takes_all_errors_away():
