@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
-# PyTorch 2.13.0: `torch.optim.Muon` makes the changes of float32 matrices in bfloat16. They are some 1 % away from the
-# same iteration in float32. On a processor with AVX2 but no instructions for bfloat16 the products are slow, too: seen
-# were 286 ms for a matrix of 256 x 256, and 6.9 ms in float32. No argument chooses the precision.
+# PyTorch 2.13.0: `torch.optim.Muon` makes the changes of float32 matrices in bfloat16, and no argument chooses another
+# precision. What is left of weak directions is rounding: of a gradient with singular values from 1 to 1e-6, the change
+# has 0.1 for the weakest, where the same iteration in float32 has 0.0005. So runs with float32 learn otherwise. On a
+# processor with AVX2 but no instructions for bfloat16 the products are slow, too: a step of a matrix of 256 x 256 took
+# 286 ms, and 6.9 ms where products of float32 are rounded to bfloat16. For small matrices these have the same bits.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
@@ -25,33 +27,47 @@ class Watch(TorchDispatchMode):
         return func(*args, **(kwargs or {}))
 
 
-def iterated(matrix):
-    even = matrix / matrix.norm()
+def muon(gradient):
+    parameter = torch.nn.Parameter(torch.zeros_like(gradient))
+    parameter.grad = gradient
+    plain = {"lr": 1.0, "weight_decay": 0.0, "momentum": 0.0, "nesterov": False}
+    torch.optim.Muon([parameter], **plain).step()
+    return -parameter.detach()
+
+
+def iterated(gradient, rounded):
+    even = rounded(gradient)
+    even = rounded(even / rounded(even.norm()))
     for _ in range(5):
-        gram = even @ even.T
-        even = A * even + (B * gram + C * gram @ gram) @ even
+        gram = rounded(even @ even.T)
+        factor = rounded(torch.addmm(gram, gram, gram, beta=B, alpha=C))
+        even = rounded(torch.addmm(even, factor, even, beta=A))
     return even
+
+
+def to_bfloat16(matrix):
+    return matrix.bfloat16().float()
 
 
 torch.manual_seed(0)
 torch.set_num_threads(1)
-parameter = torch.nn.Parameter(torch.zeros(256, 256))
-parameter.grad = torch.randn(256, 256)
-options = {"lr": 1.0, "weight_decay": 0.0, "momentum": 0.0, "nesterov": False}
-optimizer = torch.optim.Muon([parameter], **options)
+left, right = (torch.linalg.qr(torch.randn(size, 9))[0] for size in (9, 64))
+gradient = left * torch.logspace(0.0, -6.0, 9) @ right.T
 with Watch():
-    optimizer.step()
-exact = iterated(parameter.grad)
-away = float((parameter.detach() + exact).norm() / exact.norm())
-print("a matrix of", parameter.dtype, "is changed by products of", products, f"{away:.1%} away")
-times = []
-for change in (optimizer.step, lambda: iterated(parameter.grad)):
+    change = muon(gradient)
+exact, emulated = iterated(gradient, lambda matrix: matrix), iterated(gradient, to_bfloat16)
+weakest = [float(torch.linalg.svdvals(each)[-1]) for each in (change, exact)]
+print("a matrix of", gradient.dtype, "is changed by products of", products)
+print("weakest direction: {:.4f}, in float32 {:.4f}".format(*weakest))
+print("away from float32 products that are rounded:", float((change - emulated).abs().max()))
+large, times = torch.randn(256, 256), []
+for kind in (muon, lambda each: iterated(each, to_bfloat16)):
     begun = time.perf_counter()
-    change()
+    kind(large)
     times.append(time.perf_counter() - begun)
-print("a step takes {:.1f} ms, in float32 {:.1f} ms".format(*(1e3 * each for each in times)))
+print("256 x 256 takes {:.1f} ms, with products of float32 {:.1f} ms".format(*(1e3 * each for each in times)))
 arguments = set(inspect.signature(torch.optim.Muon).parameters)
 assert products == {torch.bfloat16}, "changed"
-assert 1e-3 < away < 0.1, "changed"
+assert weakest[0] > 0.03 and weakest[1] < 0.003, "changed"
 assert not any("dtype" in each or "precision" in each for each in arguments), "changed"
 PYTHON

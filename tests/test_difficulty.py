@@ -13,7 +13,7 @@ from gymnasium.wrappers.vector import TransformObservation
 
 from npend_gym import NPendulumEnv, NPendulumVectorEnv
 from npend_gym.envs import Curriculum, JoinedVectorEnv, PadRods, VectorCurriculum, VectorPadRods
-from npend_gym.rl import evaluate
+from npend_gym.rl import evaluate, setting_of
 
 # (of the environment, by options, what else it is made with)
 SETTINGS = {
@@ -53,6 +53,33 @@ def test_an_episode_with_an_option_is_that_of_an_environment_made_with_it(name):
     as_before = episode(env)  # the option was of one episode
     assert np.array_equal(as_before, episode(NPendulumEnv(n=2, **more, **{name: high})))
     assert not np.array_equal(as_before, made)
+
+
+@pytest.mark.parametrize("name", [k for k in SETTINGS if k not in ("spread", "amplitude")])
+def test_an_error_of_an_episode_is_gone_in_the_next_that_has_none(name):
+    high, _, more = SETTINGS[name]
+    env = NPendulumEnv(n=2, **more, **{name: high})
+    none = {name: 0.0}
+    expected = episode(env, options=none)
+    episode(env)
+    assert np.array_equal(episode(env, options=none), expected)
+    state = env.get_state()
+    other = NPendulumEnv(n=2, **more, **{name: high})
+    episode(other)
+    other.set_state(state)
+    assert np.array_equal(other.step(np.ones(1))[0], env.step(np.ones(1))[0])
+
+
+def test_a_delay_of_an_episode_is_whole_where_that_of_the_environment_is():
+    env = NPendulumEnv(n=1, action_delay=2.0)
+    with pytest.raises(ValueError, match=r"action_delay'\] must be whole steps.*=2.5"):
+        env.reset(options={"action_delay": 0.5})
+    for more in ({}, {"motor_lag": 0.1}):
+        made = NPendulumEnv(n=1, action_delay=2.5 - len(more), **more)
+        assert np.array_equal(
+            episode(made, options={"action_delay": 0.5}),
+            episode(NPendulumEnv(n=1, action_delay=0.5, **more)),
+        )
 
 
 @pytest.mark.parametrize("name", ["max_torque", "spread", "angle_noise"])
@@ -243,6 +270,8 @@ def test_curricula_say_what_is_wrong():
         ({"level": 1, "outcomes": [5]}, TypeError, "each of the outcomes of state must be True or"),
     ):
         wrapper = Curriculum(env, LEVELS)
+        with pytest.raises(ValueError, match="options must leave out 'persist'"):
+            wrapper.reset(options={"lengths": 2.0, "persist": True})
         with pytest.raises(error, match=message):
             wrapper.load_state_dict(state)
         assert wrapper.state_dict() == {"level": 0, "outcomes": []}
@@ -394,8 +423,20 @@ def test_joined_environments_must_fit_each_other():
     envs = [joined(mode, lengths=(1,)) for mode in ("SAME_STEP", "DISABLED")]
     with pytest.raises(ValueError, match="envs must have one autoreset mode"):
         JoinedVectorEnv(envs)
+    goals = {"n": 1, "mode": "transition", "goal_env": True, "reward_type": "sparse"}
+    with pytest.raises(ValueError, match="envs must observe arrays: leave out goal_env"):
+        JoinedVectorEnv([NPendulumVectorEnv(2, **goals)])
     with pytest.raises(TypeError, match="envs must be vector environments, got <TimeLimit"):
         JoinedVectorEnv([gym.make("npend/SwingUp-v1")])
+
+
+def test_environments_of_several_kinds_side_by_side_are_no_setting_of_an_evaluation():
+    heavier = SyncVectorEnv([lambda m=m: NPendulumEnv(n=1, masses=m) for m in (1.0, 5.0)])
+    for envs, names in ((joined("NEXT_STEP"), "'chain'"), (heavier, "'chain'")):
+        with pytest.raises(ValueError, match=f"env must have sub-environments that .*{names}"):
+            setting_of(envs)
+    alike = SyncVectorEnv([lambda: NPendulumEnv(n=1, masses=5.0) for _ in range(2)])
+    assert setting_of(alike).config.chain.masses.tolist() == [5.0]
 
 
 def test_an_action_that_is_not_finite_steps_none_of_the_joined_environments():

@@ -360,6 +360,12 @@ def test_a_mode_says_how_wide_its_starts_are_unless_the_keyword_does():
     assert EnvConfig(mode=Wide(), spread=0.1).spread == 0.1
     with pytest.raises(TypeError, match="nearness of mode 'swingup' must be named spread"):
         EnvConfig(mode=Old())
+    short = {"base": "cart", "rail": 0.5}
+    for wide in ({"spread": 0.5}, {"randomize": {"spread": (0.1, 0.5)}}):
+        with pytest.raises(ValueError, match=r"spread must be less than 0.5, with which carts"):
+            NPendulumEnv(mode="swingup", n=1, **short, **wide)
+    with pytest.raises(ValueError, match=r"spread must be less than 0.5, .*longer rail"):
+        NPendulumEnv(mode="swingup", n=1, **short).reset(options={"spread": 0.6})
     with pytest.raises(ValueError, match=r"spread must be at most pi in mode 'balance'.*got 4"):
         EnvConfig(mode="balance", spread=4.0)
 

@@ -14,6 +14,7 @@ from npend_gym import Cart, Chain, Signal, identify, simulate, theory
 from npend_gym.identification import prediction_rmse, read_motion
 from npend_gym.identification.least_squares import solve
 from npend_gym.identification.motion import check_motion
+from npend_gym.identification.moving_pivot import with_position
 from npend_gym.identification.parameters import (
     QUANTITIES,
     new_model,
@@ -379,6 +380,20 @@ def test_a_chain_on_a_measured_cart_is_fitted_with_that_motion_given(n, tmp_path
     expected = np.gradient(np.gradient(moved.position, times), times)[20:-20]
     assert read.position == pytest.approx(position)
     assert read.acceleration[20:-20] == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "frequency", "interval", "noise"),
+    [(0.01, 20.0, 0.002, 0.0), (0.01, 8.0, 0.004, 2e-4), (0.2, 0.5, 0.01, 1e-3)],
+)
+def test_a_pivot_may_move_faster_than_the_chain_swings(amplitude, frequency, interval, noise):
+    times = np.arange(0.0, 8.0, interval)
+    rate, swing = 2.0 * np.pi * frequency, 0.5 * np.cos(4.4 * times) * np.exp(-0.02 * times)
+    drawn = np.random.default_rng(0).normal(size=times.size)
+    places = amplitude * np.sin(rate * times) + noise * drawn
+    found = with_position(check_motion(times, swing), places).acceleration
+    expected = -(rate**2) * amplitude * np.sin(rate * times)
+    assert np.std(found - expected) < (0.3 if noise else 1e-3) * np.std(expected)
 
 
 def test_positions_of_another_number_are_refused():

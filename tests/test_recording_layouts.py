@@ -184,6 +184,62 @@ def test_comments_names_that_stand_twice_and_units_are_read_in_our_own_layout(wr
         read_motion(written(text + "5.0,stopped\n"))
 
 
+@pytest.mark.parametrize(
+    ("heads", "times", "angles"),
+    [
+        ("Time,Angle1,Angle2\nseconds,degrees,degrees", TIMES, np.degrees(BOTH.theta)),
+        ("time,theta0,theta1\nseconds,degrees,degrees", TIMES, np.degrees(BOTH.theta)),
+        ("Time,Angle1,Angle2\nms,rev,rev", 1e3 * TIMES, BOTH.theta / (2.0 * np.pi)),
+        ("time,theta0,theta1,,", TIMES, BOTH.theta),
+    ],
+)
+def test_units_and_empty_columns_of_spreadsheets_are_read(heads, times, angles, written):
+    read = read_motion(
+        written(table(heads, times, *angles.T, *[[""] * 300] * heads.count(",,") * 2))
+    )
+    assert read.theta == pytest.approx(BOTH.theta, abs=1e-6)
+    rows = table("Time;Angle;Speed;No\ns;deg;rpm;-", TIMES, np.degrees(SWING), ZERO, ZERO,
+                 separator=";")  # fmt: skip
+    assert read_motion(written(rows)).theta == pytest.approx(SWING, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ("theta1,theta2,tau0,tau1", [1.0, 2.0]),
+        ("q0,q1,tau_1,tau_2", [1.0, 2.0]),
+        ("theta1,theta2,tau2,tau1", [2.0, 1.0]),
+    ],
+)
+def test_each_torque_acts_at_its_joint(names, expected, written):
+    ones = np.ones_like(TIMES)
+    read = read_motion(written(table(f"t,{names}", TIMES, *BOTH.theta.T, ones, 2.0 * ones)))
+    assert read.torque[0].tolist() == expected
+
+
+def test_rates_may_be_relative_to_the_link_above(written):
+    rates = np.diff(BOTH.omega, axis=1, prepend=0.0)
+    read = read_motion(written(table("t,omega0,omega1", TIMES, *rates.T)), relative=True)
+    expected = read_motion(written(table("t,omega0,omega1", TIMES, *BOTH.omega.T)))
+    assert read.theta == pytest.approx(expected.theta, abs=1e-6)
+
+    with pytest.raises(ValueError, match="relative must be left out where positions show"):
+        read_motion(written(table("t,x,y", TIMES, *FIRST.T)), relative=True)
+
+
+def test_a_place_beside_an_angle_is_said_to_be_left_out(written):
+    read = read_recording(written(table("t,theta,x", TIMES, SWING, 0.1 * SWING)))
+    assert read.motion.position is None
+    assert "'x' is not read: position=x in columns makes it that of a cart" in read.said[0]
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_columns_name_what_has_other_names_alone(separator, written):
+    text = table("time,theta0,b".replace(",", separator), TIMES, *BOTH.theta.T, separator=separator)
+    read = read_motion(written(text), columns={"theta1": "b"})
+    assert read.theta == pytest.approx(BOTH.theta, abs=1e-6)
+
+
 def test_rows_without_a_time_are_counted_among_those_left_out(written):
     times = [f"{time:.8g}" if k % 10 else "" for k, time in enumerate(TIMES.tolist())]
     read = read_recording(written(table("t,angle", times, SWING)))
@@ -270,6 +326,12 @@ def test_rates_without_a_whole_swing_between_any_gaps_are_refused(written):
         (table("", SWING, TIMES, ZERO), "such as --columns time=1,theta0=2"),
         (table("t,angle", [""] * 300, SWING), "the column 't' must have times, but it is empty"),
         (table("t,angle", [f'"{997 + k:,}"' for k in range(300)], SWING), "t (text)"),
+        (table("t;angle", [f"{997 + k:,}" for k in range(300)], SWING, separator=";"),
+         "t (text)"),
+        (table("t,theta1,theta2,tau1,tau_meas1", TIMES, *BOTH.theta.T, SWING, SWING),
+         "'tau1' and 'tau_meas1' seem to be the same"),
+        (table("t,q0,q1,tau_2", TIMES, *BOTH.theta.T, SWING),
+         "torques 'tau_2' must be numbered as the angles 'q0', 'q1'"),
         (table("t,angle", TIMES, ["?"] * 9 + SWING[9:, 0].astype(str).tolist()), "must be a table"),
     ],
 )  # fmt: skip

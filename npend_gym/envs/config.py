@@ -131,13 +131,14 @@ class EnvConfig(EnvSettings):
             "measure_periods",
             mode.measures_periods if given["measure_periods"] is None else given["measure_periods"],
         )
-        given["spread"] = width_of_starts(given["spread"], mode, given["max_tilt"])
+        given["spread"] = width_of_starts(given["spread"], mode, given["max_tilt"], given["rail"])
         given["max_torque"] = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
         settings = {name: given[name] for name in DRAWN if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
         largest = {name: random.ends(name, given[name])[1] for name in HARDWARE}
         if "spread" in random.names:
-            width_of_starts(random.ends("spread", 0.0)[1], mode, given["max_tilt"])
+            largest_spread = random.ends("spread", 0.0)[1]
+            width_of_starts(largest_spread, mode, given["max_tilt"], given["rail"])
         if "amplitude" in random.names:
             plain_angle("amplitude", max(random.ends("amplitude", 0.0), key=abs))
         motors = sum(joint < chain.n for joint in joints)

@@ -65,8 +65,13 @@ class Levels:
         self._has_begun = False
 
     def _reset(self, seed: Any, options: Any) -> tuple[Any, dict[str, Any]]:
-        level = self.levels[self.level]
-        result = self.env.reset(seed=seed, options=level | given_options(options))
+        level, own = self.levels[self.level], given_options(options)
+        if np.any(own.get("persist", False)):
+            raise ValueError(
+                "options must leave out 'persist', because later episodes have the options of "
+                "their level: give every level these options"
+            )
+        result = self.env.reset(seed=seed, options=level | own)
         self._has_begun = True
         self.env.unwrapped.set_options(level)
         return result

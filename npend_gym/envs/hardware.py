@@ -32,6 +32,13 @@ def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[MotorCalls | None, 
     ) if sensed else None
 
 
+def changes_torques_in_steps(config: EnvConfig) -> bool:
+    """Return whether torques may change within a step."""
+    largest = config.largest
+    varies = largest["motor_lag"] > 0.0 or largest["torque_ripple"] > 0.0
+    return varies or config.action_delay % 1.0 > 0.0 or "action_delay" in config.context_names
+
+
 def _slots(delay: float) -> int:
     """Return how many steps are kept for a delay: a power of two, so that a mask finds a step."""
     return 1 << (int(delay) + 1).bit_length()
@@ -42,15 +49,15 @@ class MotorCalls:
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._joints, substeps = memory, config.joints, config.min_substeps
-        largest, count = config.largest, config.joints.size
-        varies = largest["motor_lag"] > 0.0 or largest["torque_ripple"] > 0.0
-        varies |= config.action_delay % 1.0 > 0.0 or "action_delay" in config.context_names
+        count = config.joints.size
         # where torques change within a step, it is divided into pieces of one substep
-        self.pieces: int = substeps if varies else 1
+        self.pieces: int = substeps if changes_torques_in_steps(config) else 1
         piece = Cut(config.dt / self.pieces, substeps // self.pieces, config.max_rotation)
         rods = memory.n * memory.width * self.pieces  # a call takes all pieces
         self.plan: CallPlan = plan_of(piece, rods, memory.groups, memory.threads)  # of a piece
-        self.past: FloatArray = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
+        self.past: FloatArray = np.zeros(
+            (memory.lanes, _slots(config.largest["action_delay"]), count)
+        )
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
 
     @property

@@ -16,6 +16,7 @@ from npend_gym.chain import check_parameter, gear_ratios
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import check_different, checked_equilibrium
+from npend_gym.envs.hardware import changes_torques_in_steps
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, width_of_starts
 from npend_gym.envs.limits import substeps_on_base
 from npend_gym.envs.settings import HARDWARE, OF_EPISODES
@@ -244,12 +245,19 @@ def _check_setting(label: str, name: str, values: FloatArray, config: EnvConfig)
     if name != "amplitude":
         _checks.at_least_zero(label, values)
     if name == "spread":
-        width_of_starts(float(values.max()), config.mode, config.max_tilt)
+        width_of_starts(float(values.max()), config.mode, config.max_tilt, config.rail)
     if name in HARDWARE and np.any(values > config.largest[name]):
         raise ValueError(
             f"{label} must be at most {config.largest[name]:g}, the largest {name} that the "
             f"environment is made for, got {_checks.show(values.tolist())}: make it with a larger "
             f"{name}, and lower it by options"
+        )
+    is_whole = name != "action_delay" or not np.any(values % 1.0 > 0.0)
+    if not (is_whole or changes_torques_in_steps(config)):
+        raise ValueError(
+            f"{label} must be whole steps, as that of the environment is, got "
+            f"{_checks.show(values.tolist())}: make it with action_delay="
+            f"{config.action_delay + 0.5:g}, and lower it by options"
         )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
@@ -29,7 +30,8 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
     Raises
     ------
     TypeError, ValueError
-        If the spaces or the autoreset modes differ, one comes twice or is no vector environment.
+        If the spaces or the autoreset modes differ, one comes twice, is no vector environment or
+        observes no array.
 
     Examples
     --------
@@ -55,6 +57,11 @@ class JoinedVectorEnv(VectorEnv[Any, Any, Any]):
         for each in self.envs:
             if not hasattr(each, "single_action_space"):
                 raise TypeError(f"envs must be vector environments, got {_checks.show(each)}")
+            if not isinstance(each.single_observation_space, Box):
+                raise ValueError(
+                    "envs must observe arrays: leave out goal_env, whose Dict has none; got "
+                    f"{each.single_observation_space}"
+                )
             for name in ("single_observation_space", "single_action_space"):
                 own, other = getattr(first, name), getattr(each, name)
                 if own != other:

@@ -255,7 +255,7 @@ def check_success(mode: Mode, reward_type: str) -> None:
         )
 
 
-def width_of_starts(spread: Any, mode: Mode, max_tilt: float | None) -> float:
+def width_of_starts(spread: Any, mode: Mode, max_tilt: float | None, rail: float | None) -> float:
     """Return `spread`, or that of the mode where it is None [rad]."""
     spread = _checks.nonnegative_number("spread", mode.spread if spread is None else spread)
     if isinstance(mode, NearPose) and spread > math.pi:
@@ -267,6 +267,11 @@ def width_of_starts(spread: Any, mode: Mode, max_tilt: float | None) -> float:
         raise ValueError(
             f"spread must be less than max_tilt, {max_tilt:g} rad, beyond which episodes end, got "
             f"{spread:g}: give a larger max_tilt, or None"
+        )
+    if isinstance(mode, NearPose) and rail is not None and mode.other_spread * spread >= rail:
+        raise ValueError(
+            f"spread must be less than {rail / mode.other_spread:g}, with which carts start up to "
+            f"the ends of the rail, got {spread:g}: give a longer rail"
         )
     return plain_angle("spread", spread)
 

@@ -83,9 +83,11 @@ def _disturb(
         low, high = keys[0, lane], keys[1, lane]
         step, episode = members[Episode.STEPS, lane], members[Episode.EPISODE, lane]
         scale, rate = members[Setting.torque_noise, lane], members[Setting.push_rate, lane]
-        for j in range(motors if scale > 0.0 else 0):
-            words = philox(low, high, j, step, Purpose.MOTOR, episode)
-            noise[j, lane] = scale * normal_pair(unit(words[0]), unit(words[1]))[0]
+        for j in range(motors):
+            noise[j, lane] = 0.0  # not that of an episode before
+            if scale > 0.0:
+                words = philox(low, high, j, step, Purpose.MOTOR, episode)
+                noise[j, lane] = scale * normal_pair(unit(words[0]), unit(words[1]))[0]
         push[lane] = 0.0
         if rate > 0.0:
             words = philox(low, high, 0, step, Purpose.PUSH, episode)

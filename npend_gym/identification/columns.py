@@ -14,6 +14,7 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.identification.tables import RUN, Column, Table
+from npend_gym.identification.units import METRES, RADIANS, RATES, SECONDS, TORQUES
 
 # Names of columns in lower case, with blanks for underscores, without a unit behind. A number
 # counts links, a letter axes.
@@ -34,26 +35,11 @@ ROLES = {
     "position": r"(?:cart )?position|cart|cart pos|x cart",
     "velocity": r"velocity",
 }
+NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)  # of our own names
 _UNIT = re.compile(r"^(.*?)\s*[(\[]([^()\[\]]*)[)\]]$")
 _LAST = re.compile(r"^(.+?)[ _](deg(?:rees?)?|m?rad|radians?|s|sec|[mun]s|[cm]?m|px)$")
-# How much a unit is [s, rad, rad/s, m, N m]; that of a column without one is the first
-SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "sek": 1.0, "ms": 1e-3,
-            "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0}  # fmt: skip
-DEGREE, _TURN = float(np.pi / 180.0), float(2.0 * np.pi)
-_RADIANS = {"rad": 1.0, "radian": 1.0, "radians": 1.0, "mrad": 1e-3, "rev": _TURN, "turns": _TURN}
-_RADIANS.update(dict.fromkeys(("deg", "degree", "degrees", "°", "º", "grad"), DEGREE))
-_RATES = (
-    {f"{unit}/s": size for unit, size in _RADIANS.items()}
-    | _RADIANS
-    | {"dps": DEGREE, "rpm": _TURN / 60.0}
-)
-SPELT = {"ms": "milliseconds", "us": "microseconds", "µs": "microseconds", "μs": "microseconds",
-          "ns": "nanoseconds", "min": "minutes"}  # fmt: skip
-_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_TORQUES = {"n m": 1.0, "nm": 1.0, "n*m": 1.0, "n·m": 1.0, "n.m": 1.0, "n-m": 1.0, "mnm": 1e-3,
-            "mn m": 1e-3}  # fmt: skip
-_UNITS = {"time": SECONDS, "theta": _RADIANS, "axis": _RADIANS, "relative": _RADIANS,
-          "omega": _RATES, "axes": _RATES, "position": _METRES, "tau": _TORQUES}  # fmt: skip
+_UNITS = {"time": SECONDS, "theta": RADIANS, "axis": RADIANS, "relative": RADIANS,
+          "omega": RATES, "axes": RATES, "position": METRES, "tau": TORQUES}  # fmt: skip
 
 
 class Meant(NamedTuple):
@@ -89,6 +75,11 @@ class Meant(NamedTuple):
         return finite.size > 0 and bool(np.ptp(finite) > 0.0)
 
 
+def is_read(name: str) -> bool:
+    """Return whether a name is ours for what is read."""
+    return name in ("time", "piece", "position") or bool(NUMBERED.fullmatch(name))
+
+
 def of_role(ours: str, column: Column) -> Meant:
     """Return a column that is what `ours` says, such as "tau0", as it stands, of one run."""
     role = ours.rstrip("0123456789")
@@ -115,7 +106,7 @@ def meaning(column: Column) -> Meant | None:
 
 
 def named(table: Table, columns: Mapping[str, str]) -> list[Meant]:
-    """Return the columns that are given by name, each as it stands: in radians, of one run."""
+    """Return the columns that are given by name, or have ours, as they stand: in radians."""
     by_name = {one.name: one for one in table.columns}
     missing = set(columns.values()) - by_name.keys()
     if missing:
@@ -123,7 +114,11 @@ def named(table: Table, columns: Mapping[str, str]) -> list[Meant]:
             f"the file has no column {_checks.show(min(missing))}: it has "
             f"{_checks.show(', '.join(by_name))}"
         )
-    return [of_role(ours, by_name[name]) for ours, name in columns.items()]
+    others = by_name.keys() - {*columns, *columns.values()}
+    if "theta0" not in others:  # other programs number links otherwise
+        others -= {name for name in others if NUMBERED.fullmatch(name)}
+    given = {name: name for name in by_name if name in others and is_read(name)}
+    return [of_role(ours, by_name[name]) for ours, name in (given | dict(columns)).items()]
 
 
 def angles_in(table: Table, by_role: dict[str, list[Meant]]) -> tuple[str, list[Meant]]:

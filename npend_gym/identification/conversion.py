@@ -18,9 +18,6 @@ from npend_gym.identification.angles import (
     is_quaternion,
 )
 from npend_gym.identification.columns import (
-    DEGREE,
-    SECONDS,
-    SPELT,
     Meant,
     angles_in,
     meaning,
@@ -31,6 +28,7 @@ from npend_gym.identification.columns import (
 from npend_gym.identification.instants import MIN_ROWS
 from npend_gym.identification.motion import pieces_in_turn
 from npend_gym.identification.tables import Column, Table
+from npend_gym.identification.units import DEGREE, SECONDS, SPELT
 
 _SINCE_1970 = 1e11, 1e14, 1e17  # numbers from which on instants are in ms, us, ns since then
 _LONG_AGO = 1e8  # s; instants that are larger are from another day
@@ -66,9 +64,9 @@ def understood(
         If columns are missing, or there are neither angles nor positions nor rates.
     """
     meant = named(table, columns) if columns else [meaning(c) for c in table.columns]
-    if columns and "time" not in columns:
-        meant += [of_role(c.role, c) for c in table.columns if c.role == "time"]
     found = [one for one in meant if one is not None]
+    if columns and all(one.role != "time" for one in found):
+        found += [of_role(c.role, c) for c in table.columns if c.role == "time"]
     if not table.named and not columns:
         found = _guessed(table.columns, frames=fps is not None)
     runs = sorted({one.column.run for one in found if one.role not in ("time", "frame")})
@@ -126,10 +124,13 @@ def _of_run(
     said = list[str]()
     times = _times(table, by_role, run, fps, said)
     role, chosen = angles_in(table, by_role)
-    torques, y = by_role.get("tau", []), single(by_role["y"]) if role == "x" else []
+    torques, y = single(by_role.get("tau", ())), single(by_role["y"]) if role == "x" else []
     if role == "x" and len({one.unit for one in (*chosen, *y)}) > 1:
         names = ", ".join(repr(one.column.name) for one in (*chosen, *y))
         raise ValueError(f"positions must have one unit, but differ in it: {names}")
+    if relative and role in ("x", "axes"):
+        what = "positions" if role == "x" else "the axes of one sensor"
+        raise ValueError(f"relative must be left out where {what} show the angles")
     moving = [one for one in by_role.get("position", []) if one.moves]
     needed = [*chosen, *y, *torques, *moving, *by_role.get("piece", ())]
     cells = np.column_stack([times, *(one.column.values for one in needed)])
@@ -160,6 +161,9 @@ def _of_run(
         places = np.stack([values, np.column_stack([one.values for one in y])[full]], axis=2)
         theta, lengths = from_positions(places, fps is not None and not table.named, said)
     elif role in ("omega", "axes"):
+        if relative and role == "omega":
+            values = np.cumsum(values, axis=1)
+            said.append("rates are relative to the link above")
         theta = from_rates(times, values, labels[full], role == "axes", said)
     else:
         if role == "axis" and not in_degrees and float(np.abs(values).max()) > 1.01 * np.pi:
@@ -175,16 +179,25 @@ def _of_run(
     if torques:
         torque = np.zeros_like(theta)
         links = [one.number for one in chosen]
+        named_torques = ", ".join(repr(one.column.name) for one in torques)
         if len(torques) > len(links):
             raise ValueError(f"the file must have an angle for each torque, got {names}")
+        alike = all(one.number in links for one in torques)
+        if not alike and 1 < len(links) != len(torques) and torques[0].number >= 0:
+            raise ValueError(
+                f"the torques {named_torques} must be numbered as the angles {names}: name them by "
+                "columns, such as tau0=..."
+            )
         for k, one in enumerate(torques):
-            link = links.index(one.number) if one.number in links else k
-            torque[:, link] = one.values[full]
-        said.append(f"torques are {', '.join(repr(one.column.name) for one in torques)}, in N m")
+            torque[:, links.index(one.number) if alike else k] = one.values[full]
+        said.append(f"torques are {named_torques}, in N m")
     position = None
     if moving:
         position = single(moving)[0].values[full]
         said.append(f"{moving[0].column.name!r} is the position of a cart, in metres")
+    elif role != "x" and any(one.moves for one in by_role.get("x", ())):
+        name = by_role["x"][0].column.name
+        said.append(f"{name!r} is not read: position={name} in columns makes it that of a cart")
     known = np.isfinite(theta).all(axis=1)
     torque, position = (None if one is None else one[known] for one in (torque, position))
     return Reading(times[known], theta[known], torque, labels[full][known], lengths, said, position)

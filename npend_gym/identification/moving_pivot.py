@@ -6,7 +6,9 @@ being its lift. Torques u_j at the joints, u_j - u_{j+1} being that force, do th
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +19,8 @@ from npend_gym.identification.motion import Motion, checked_finite
 
 _KNOTS = 12.0  # of the spline of positions in a typical period of the swing
 _DEGREE = 5
+_SEVERAL = 3.0  # times the noise: what a spline leaves that does not follow the positions
+_ORDER = 6  # of the differences that show the noise
 
 
 def with_position(motion: Motion, position: ArrayLike | None) -> Motion:
@@ -38,11 +42,35 @@ def with_position(motion: Motion, position: ArrayLike | None) -> Motion:
     acceleration, period = np.zeros_like(places), motion.period()
     for rows in motion.stretches():
         times = motion.times[rows]
-        most = max(1, (times.size - 2 * _DEGREE) // 2)
-        parts = max(1, min(most, round(_KNOTS * float(times[-1] - times[0]) / period)))
-        knots = np.quantile(times, np.arange(1, parts) / parts)
-        acceleration[rows] = LSQUnivariateSpline(times, places[rows], knots, k=_DEGREE)(times, 2)
+        parts = max(1, round(_KNOTS * float(times[-1] - times[0]) / period))
+        acceleration[rows] = _spline(times, places[rows], parts)(times, 2)
     return replace(motion, position=places, acceleration=acceleration)
+
+
+def _spline(times: FloatArray, places: FloatArray, parts: int) -> Any:
+    """Return a spline of so many parts, or of twice as many until it follows the positions.
+
+    It follows them where what is left is noise: no larger than what differs from row to row.
+    """
+    most = max(1, (times.size - 2 * _DEGREE) // 2)
+    while True:
+        parts = min(parts, most)
+        knots = np.quantile(times, np.arange(1, parts) / parts)
+        spline = LSQUnivariateSpline(times, places, knots, k=_DEGREE)
+        left = float(np.std(places - spline(times)))
+        if parts == most or left <= _SEVERAL * _noise(places):
+            return spline
+        parts *= 2
+
+
+def _noise(places: FloatArray) -> float:
+    """Return the standard deviation of what changes positions from row to row [m]."""
+    order = min(_ORDER, places.size - 1)
+    changes = np.abs(np.diff(places))
+    rounding = float(np.min(changes, where=changes > 0.0, initial=np.inf)) / math.sqrt(12.0)
+    rounded = rounding if np.any(changes == 0.0) else 0.0
+    scatter = float(np.std(np.diff(places, order)))
+    return max(scatter / math.sqrt(math.comb(2 * order, order)), rounded)
 
 
 def levers(motion: Motion) -> FloatArray:

@@ -16,17 +16,18 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.identification.columns import NUMBERED, is_read
 from npend_gym.identification.conversion import Reading, understood
 from npend_gym.identification.motion import Motion, check_motion, pieces_in_turn
 from npend_gym.identification.moving_pivot import with_position
-from npend_gym.identification.tables import COMMENT, IS_UNIT, read_table
+from npend_gym.identification.tables import COMMENT, read_table
+from npend_gym.identification.units import is_unit
 from npend_gym.physics.arguments import warn_caller
 
 _MAX_CELLS = 50_000_000
 _QUOTES = "quotation marks must begin and end a cell within its line"
 # what `Trajectory.to_csv` writes of chains that no fit takes
 _NOT_HUNG = "position_x", "stretch0"
-_NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
 _POSITIONS = re.compile(r"(x|y|omega)\d{1,9}", re.ASCII)
 
 
@@ -175,7 +176,7 @@ def _check_columns(columns: object) -> dict[str, str]:
         )
     given = dict(cast("Mapping[Any, Any]", columns or {}))
     for name, column in given.items():
-        if not _is_read(str(name)) and not _POSITIONS.fullmatch(str(name)):
+        if not is_read(str(name)) and not _POSITIONS.fullmatch(str(name)):
             raise ValueError(
                 "columns must name time, theta0, theta1, ..., tau0, ..., piece or position, or x0, "
                 "y0, ... or omega0, ..., got "
@@ -186,10 +187,6 @@ def _check_columns(columns: object) -> dict[str, str]:
     if len(set(given.values())) < len(given):
         raise ValueError(f"columns must name each column once, got {_checks.show(given)}")
     return {column: name for name, column in given.items()}
-
-
-def _is_read(name: str) -> bool:
-    return name in ("time", "piece", "position") or bool(_NUMBERED.fullmatch(name))
 
 
 def _read_any(
@@ -219,7 +216,7 @@ def _is_ours(path: Path, columns: dict[str, str]) -> bool:
     with path.open("rb") as file:
         lines = [file.readline(100_000).decode("utf-8-sig", "replace") for _ in range(2)]
     given, below = ([one.strip() for one in line.replace('"', "").split(",")] for line in lines)
-    has_units = any(below) and all(map(IS_UNIT.fullmatch, below))
+    has_units = any(below) and all(map(is_unit, below))
     return not has_units and {"time", "theta0"} <= {columns.get(name, name) for name in given}
 
 
@@ -240,7 +237,7 @@ def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: boo
 
 def _numbered(kind: str, table: dict[str, FloatArray], path: Path) -> list[FloatArray]:
     """Return the columns of a kind, which are numbered from 0 on, in their order."""
-    names = {name for name in table if (m := _NUMBERED.fullmatch(name)) and m[1] == kind}
+    names = {name for name in table if (m := NUMBERED.fullmatch(name)) and m[1] == kind}
     expected = [f"{kind}{k}" for k in range(len(names))]
     if names != set(expected):
         raise ValueError(
@@ -270,7 +267,7 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
                     f"{path} has the column {name}, which is not read: identify takes the motion "
                     "of rigid chains whose pivot rests, or moves sideways with the column position"
                 )
-            cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
+            cells = {k: array("d") for k, name in enumerate(names) if is_read(name)}
             for number, row in rows:
                 again = [cell.strip() for cell in row] == header
                 if again or not any(row) or row[0].lstrip().startswith(COMMENT):
@@ -301,7 +298,7 @@ def _rows(file: Iterable[str], path: Path) -> Iterator[tuple[int, list[str]]]:
 
 def _names(given: list[str], columns: dict[str, str], path: Path) -> list[str]:
     """Return names of columns as ours; a column whose name is taken by another is not read."""
-    if len(set(given)) < len(given):
+    if len(set(filled := [*filter(None, given)])) < len(filled):
         raise ValueError(f"{path} must name each column once, got {', '.join(given)}")
     missing, taken = columns.keys() - set(given), set(columns.values())
     if missing:

@@ -21,6 +21,7 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.identification.texts import MAX_BYTES, text_of
+from npend_gym.identification.units import is_unit
 
 _SEPARATORS = "\t", ";", ",", None  # None stands for any blanks
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -31,9 +32,6 @@ COMMENT = "%", "#"  # before names, and before what a program says of itself
 _PREAMBLE = 200  # lines above the names, at most
 _NUMBERS = 0.95  # of the cells of a column that has numbers, at least
 _FEW = 0.01  # of the rows: so many lines may be none
-IS_UNIT = re.compile(  # of a line of units below the names
-    r"|[(\[].*[)\]]|s|sec|[mµμun]s|m?rad|deg|°|[cm]?m|px|(rad|deg|°|m)/s(\^?2|²)?|m?N[ *·]?m|[NVAg]"
-)
 RUN = re.compile(r"^(?:(?P<set>Latest|Run \d+|Data Set \d+):\s*)?(?P<name>.*?)"
                    r"(?:\s+Run #(?P<run>\d+))?$")  # fmt: skip
 
@@ -180,7 +178,8 @@ def _split(lines: Sequence[str], separator: str | None) -> Table | None:
     while typical and not any(cell.strip() for cell in typical[-1]):
         typical.pop()  # the separator stands at the end, too
     width, commas = len(typical), [cell for cells in typical for cell in cells if "," in cell]
-    comma = separator != "," or not all(map(_THOUSANDS.fullmatch, commas))
+    points = separator == "," or any("." in cell for cells in typical for cell in cells)
+    comma = not (points and all(map(_THOUSANDS.fullmatch, commas)))  # it is before decimals
     numbers = [k for k, cells in enumerate(typical) if _share(cells, comma) >= _NUMBERS]
     if width < 2 or not numbers:
         return None
@@ -222,7 +221,7 @@ def _names(lines: Sequence[str], width: int, separator: str | None) -> tuple[lis
             if len(cells) == width and not any(_NUMBER.fullmatch(cell) for cell in cells):
                 heads, found = [line, *heads], [cells, *found]
                 break
-        if len(found) == 1 and not all(IS_UNIT.fullmatch(cell) for cell in found[0]):
+        if len(found) == 1 and not all(map(is_unit, found[0])):
             return found[0], heads
         if len(found) == 2:
             names = [f"{name} ({unit.strip('()[] ')})" for name, unit in zip(*found, strict=True)]

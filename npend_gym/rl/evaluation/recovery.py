@@ -205,7 +205,8 @@ def recovery(
     controller acts in the steps of its environment, whose delays and noise are kept; pushes keep
     their impulse. `action_delay` and `motor_lag` hold for what knocks the chain down as well, which
     then ends that much later. `randomize` is left out. No force acts on a cart while joints
-    are turned, and beyond the end of its rail an episode is over.
+    are turned. Where an episode terminates, at the end of a rail or as the mode says, the chain
+    counts as down from then on.
 
     ``rule="hardware"`` is that of the competition on the robot: the chain is disturbed 10 times for
     1 s by weaker motors. Where a joint turns further than 3.5 pi, or faster than 20 rad/s

@@ -152,6 +152,8 @@ def setting_of(env: EnvLike) -> EnvSetting:
     config = _attribute(base, "config")
     if not isinstance(config, EnvConfig):
         raise _no_setting(env)
+    for layer in layers_of(env):
+        _check_alike(layer, config)
     steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
     limits: list[Any] = [getattr(each, _LIMIT, None) for each in layers_of(env)]
     steps = steps or min((limit for limit in limits if limit), default=None)
@@ -159,6 +161,24 @@ def setting_of(env: EnvLike) -> EnvSetting:
         steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
     keywords = keywords_of(config) | {"max_episode_steps": steps}
     return EnvSetting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
+
+
+def _check_alike(layer: Any, config: EnvConfig) -> None:
+    """Raise a ValueError where one of the environments side by side has other settings."""
+    if hasattr(layer, "get_attr"):
+        several = [*layer.get_attr("config")]
+    else:
+        envs = (getattr(each, "unwrapped", each) for each in getattr(layer, "envs", ()))
+        several = [getattr(each, "config", config) for each in envs]
+    own, *others = (
+        plain_keywords(keywords_of(each) | {"mode": repr(each.mode)}) for each in (config, *several)
+    )
+    for other in others:
+        if names := [name for name, value in own.items() if value != other[name]]:
+            raise ValueError(
+                f"env must have sub-environments that are alike, got some that differ in {names}: "
+                "evaluate in one environment of each kind"
+            )
 
 
 def _no_setting(env: EnvLike) -> TypeError:
