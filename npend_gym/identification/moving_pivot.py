@@ -48,7 +48,7 @@ def with_position(motion: Motion, position: ArrayLike | None) -> Motion:
 
 
 def _spline(times: FloatArray, places: FloatArray, parts: int) -> Any:
-    """Return a spline of so many parts, or of twice as many until it follows the positions.
+    """Return a spline of `parts` parts, or of twice as many until it follows the positions.
 
     It follows them where what is left is noise: no larger than what differs from row to row.
     """
