@@ -361,7 +361,7 @@ def test_a_mode_says_how_wide_its_starts_are_unless_the_keyword_does():
     with pytest.raises(TypeError, match="nearness of mode 'swingup' must be named spread"):
         EnvConfig(mode=Old())
     short = {"base": "cart", "rail": 0.5}
-    for wide in ({"spread": 0.5}, {"randomize": {"spread": (0.1, 0.5)}}):
+    for wide in ({"spread": 0.5}, {"randomize": {"spread": {"low": 0.0, "high": 0.5}}}):
         with pytest.raises(ValueError, match=r"spread must be less than 0.5, with which carts"):
             NPendulumEnv(mode="swingup", n=1, **short, **wide)
     with pytest.raises(ValueError, match=r"spread must be less than 0.5, .*longer rail"):

@@ -26,6 +26,35 @@ def test_forced_and_damped_motion_follows_scipy_for_a_moment(motion):
     np.testing.assert_allclose(ours.theta, dense, rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("method", ["dop853", "tsit5", "gauss6", "rk4"])
+def test_a_motion_is_as_exact_in_the_seconds_since_1970_as_from_zero_on(method):
+    chain, start, options = Chain.uniform(2), [1.5, 0.5], {"method": method}
+    if method in ("gauss6", "rk4"):
+        options["dt"] = 0.005
+    ends = [
+        simulate(chain, start, 0.0, [t, t + 10.0], **options).theta[-1] for t in (0.0, 1.7e9, 1e11)
+    ]
+    np.testing.assert_allclose(ends[1:], [ends[0]] * 2, rtol=0, atol=3e-8)
+    with pytest.raises(IntegrationError, match="count the time from the start of the motion"):
+        simulate(chain, start, 0.0, [1e12, 1e12 + 10.0])
+
+
+@pytest.mark.parametrize("count", [4, 7, 8, 13, 18])
+def test_a_signal_ends_with_a_motion_whose_instants_are_rounded_otherwise(count):
+    products, spaced = 0.1 * np.arange(count), np.linspace(0.0, 0.1 * (count - 1), count)
+    motions = [
+        simulate(Chain.uniform(1), 0.1, 0.0, times, torque=Signal(given, np.ones(count), kind=kind))
+        for times, given in ((products, spaced), (spaced, products), (products, products))
+        for kind in ("previous", "linear")
+    ]
+    for motion in motions:
+        np.testing.assert_allclose(motion.theta, motions[0].theta, rtol=0, atol=1e-12)
+        assert np.isfinite(motion.energy()).all()
+    with pytest.raises(ValueError, match=r"whole motion, 0 to 0.300000001 s; .* 0 to 0.3 s"):
+        simulate(Chain.uniform(1), 0.1, 0.0, [0.0, 0.300000001],
+                 torque=Signal([0.0, 0.3], [1.0]))  # fmt: skip
+
+
 def test_error_of_the_adaptive_method_follows_its_tolerance(uneven):
     times = np.linspace(0.0, 3.0, 7)
     exact = simulate(uneven, 0.5, 0.0, times, rtol=1e-13, atol=1e-15).theta

@@ -221,6 +221,43 @@ def test_the_start_that_is_chosen_does_not_ring_and_an_unstretched_one_does(unev
     assert min(loud) > 100.0 * slow[0]
 
 
+def acting(drive, t, q, u):
+    """Value of a drive, constant or not, at an instant."""
+    if isinstance(drive, Signal):
+        return drive(t)
+    return drive(t, *(q, u)[: drive.__code__.co_argcount - 1]) if callable(drive) else drive
+
+
+@pytest.mark.parametrize(
+    ("chain", "options"),
+    [
+        ({"drag": 0.8, "base": Cart(1.0, 2.0)}, {"velocity": 6.0}),
+        ({"drag": 0.8}, {"velocity": [6.0, 0.0], "pivot_acceleration": [-12.0, 3.0]}),
+        ({}, {"pivot_acceleration": lambda t: (2.0 * t, 50.0 * np.sin(20.0 * t))}),
+        ({"base": Cart(1.0)}, {"force": Signal([0.0, 1.0], [3.0, 90.0], kind="linear")}),
+        ({"base": Cart(1.0)}, {"force": lambda t, q, u: 20.0 * t - 3.0 * q[0] - 9.0 * u[2]}),
+    ],
+)
+def test_springs_start_with_the_rate_at_which_tensions_of_rigid_rods_change(chain, options):
+    step, k = 1e-4, 2e5
+    given = {**chain, "masses": 1.0, "lengths": [0.6, 0.5]}
+    state = [0.7, -0.4], [0.5, 1.0]
+    start = simulate(Chain(**given, stiffness=k), *state, [0.0], **options)
+    rods = simulate(Chain(**given), *state, step * np.arange(3), rtol=1e-13, atol=1e-14, **options)
+    carried = []
+    for j, t in enumerate(rods.times):
+        q, u = (
+            np.append(rods.theta[j], rods.position[j]),
+            np.append(rods.omega[j], rods.velocity[j]),
+        )
+        now = {name: acting(drive, t, q, u) for name, drive in options.items()}
+        now["velocity"] = rods.velocity[j]
+        carried.append(tensions(rods.chain, rods.theta[j], rods.omega[j], **now))
+    first, second, third = carried
+    expected = (4.0 * second - 3.0 * first - third) / (2.0 * step * k)
+    np.testing.assert_allclose(start.stretch_rate[0], expected, rtol=2e-5, atol=1e-8)
+
+
 def test_a_motion_in_segments_is_the_motion_in_one(uneven):
     chain = on_springs(uneven, axial_damping=1.0)
     whole = simulate(chain, 0.8, 0.1, [0.0, 1.0, 2.0], torque=0.5)

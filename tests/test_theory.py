@@ -154,6 +154,14 @@ def test_many_uniform_rods_swing_as_the_hanging_rope(n, tolerance):
     assert frequency == pytest.approx(jn_zeros(0, 1)[0] / 2.0, rel=tolerance)
 
 
+@pytest.mark.parametrize("ratio", [1e-12, 1e-3, 1e3, 1e10, 1e12, 1e16])
+def test_the_fastest_frequency_has_all_digits_for_masses_of_any_ratio(ratio):
+    """Of two equal rods omega^2 l / g = M + sqrt(M (M - 1)), M being all mass over the upper."""
+    total = 1.0 + ratio
+    expected = np.sqrt(9.81 * (total + np.sqrt(total * ratio)))
+    assert theory.fastest_frequency(Chain([1.0, ratio], 1.0)) == pytest.approx(expected, rel=1e-14)
+
+
 @pytest.mark.parametrize(
     ("chain", "rest"),
     [

@@ -125,10 +125,10 @@ class Drives:
         signals = {name: each for name, each in self.varying.items() if isinstance(each, Signal)}
         knots = {name: np.asarray(each.times) for name, each in signals.items()}
         for name, times in knots.items():
-            if begin < times[0] or end > times[-1]:
+            if not signals[name].covers(begin, end):
                 raise ValueError(
-                    f"{name} must be sampled over the whole motion, {begin:g} to {end:g} s; its "
-                    f"samples are from {times[0]:g} to {times[-1]:g} s"
+                    f"{name} must be sampled over the whole motion, {begin:.10g} to {end:.10g} s; "
+                    f"its samples are from {times[0]:.10g} to {times[-1]:.10g} s"
                 )
         inner = np.unique(np.concatenate([*knots.values()]))
         ends = np.concatenate([[begin], inner[(inner > begin) & (inner < end)], [end]])

@@ -309,26 +309,34 @@ def _joint_forces(chain: Chain, states: States, alpha: FloatArray) -> FloatArray
     return -np.sum(hanging * along, axis=-1)
 
 
-def slow_start(chain: Chain, rigid: States) -> tuple[FloatArray, FloatArray]:
+def slow_start(
+    chain: Chain,
+    rigid: States,
+    later: Callable[[FloatArray, FloatArray, FloatArray], States] | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """Return the stretch and its rate with which springs follow rigid rods, and do not ring.
 
     They carry the tensions T that rigid rods have in these states: stretch T/k, its rate T'/k. What
-    is left of vibration along the rods decreases as 1/k^2.
+    is left of vibration along the rods decreases as 1/k^2. Where loads change in time,
+    ``later(s, q, u)`` has those after `s` seconds, in the state (q, u).
     """
-    n = chain.n
-    omega, alpha = rigid.u[..., :n], _solve(rigid)[0][..., :n]
-    pace = np.maximum(np.abs(omega), np.sqrt(np.abs(alpha))).max(axis=-1, keepdims=True)
+    alpha, n = _solve(rigid)[0], chain.n
+    speeds, gains = np.abs(rigid.u[..., :n]), np.abs(alpha[..., :n])
+    pace = np.maximum(speeds, np.sqrt(gains)).max(axis=-1, keepdims=True)
     h = _DIFFERENCE / np.where(pace > 0.0, pace, 1.0)
 
     def tensions_after(s: FloatArray) -> FloatArray:
-        q, u = rigid.q.copy(), rigid.u.copy()
-        q[..., :n] += s * omega + 0.5 * s * s * alpha
-        u[..., :n] += s * alpha
-        return _tensions(chain, rigid._replace(q=q, u=u))
+        q, u = rigid.q + (s * rigid.u + 0.5 * s * s * alpha), rigid.u + s * alpha
+        return _tensions(chain, rigid._replace(q=q, u=u) if later is None else later(s, q, u))
 
-    stiffness = np.asarray(chain.stiffness)
-    rate = (tensions_after(h) - tensions_after(-h)) / (2.0 * h) / stiffness
-    return (_tensions(chain, rigid) - chain.axial_damping * rate) / stiffness, rate
+    stiffness, now = np.asarray(chain.stiffness), _tensions(chain, rigid)
+    if later is None:
+        change = tensions_after(h) - tensions_after(-h)
+    else:  # a drive may begin now, and change fast
+        h = np.minimum(h, _DIFFERENCE)
+        change = 4.0 * tensions_after(h) - (3.0 * now + tensions_after(2.0 * h))
+    rate = change / (2.0 * h) / stiffness
+    return (now - chain.axial_damping * rate) / stiffness, rate
 
 
 def _solve(states: States) -> tuple[FloatArray, FloatArray]:

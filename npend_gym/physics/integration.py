@@ -18,6 +18,7 @@ from npend_gym.physics.kernels.solver import STUCK, Problem, Solver
 
 MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
 _MAX_STEPS = 10**12  # between two times
+_LONG, _LATE = 1e9, ", or count the time from the start of the motion"  # s
 _NO_LENGTH = ", or a rod has no length left"  # what else may stop the motion of springs
 # Rods times steps in one compiled call, after which Ctrl-C is heard: of a motion a sixth of a
 # second, of motions in packs and of measurements a quarter
@@ -87,7 +88,9 @@ def check_going(
         raise IntegrationError(
             f"no step is small enough at t = {instants[k]:g} s{which} with rtol = "
             f"{problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the state and "
-            "parameters" + _NO_LENGTH * isinstance(problem.chain, SpringArrays)
+            "parameters"
+            + _LATE * bool(abs(instants[k]) > _LONG)
+            + _NO_LENGTH * isinstance(problem.chain, SpringArrays)
         )
 
 

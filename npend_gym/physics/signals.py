@@ -14,6 +14,7 @@ from npend_gym._checks import FloatArray
 
 KINDS = ("previous", "linear")
 _MAX_SAMPLES = 10_000_000
+_ROUNDING = 4.0 * np.finfo(float).eps  # of instants that were summed, not multiplied
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,20 +80,28 @@ class Signal:
             If it lies outside the samples.
         """
         times, values = np.asarray(self.times), np.asarray(self.values)
-        if not times[0] <= t <= times[-1]:
+        if not self.covers(t):
             raise ValueError(
-                f"t must lie within the samples, {times[0]:g} to {times[-1]:g} s, got {t:g}"
+                f"t must lie within the samples, {times[0]:.10g} to {times[-1]:.10g} s, got "
+                f"{t:.10g}"
             )
+        t = min(max(t, times[0]), times[-1])
         k = min(int(np.searchsorted(times, t, side="right")), len(values)) - 1
         if self.kind == "previous" or t == times[k]:
             return values[k].copy()
         x = (t - times[k]) / (times[k + 1] - times[k])
         return values[k] + x * (values[k + 1] - values[k])
 
+    def covers(self, *instants: float) -> bool:
+        """Return whether instants [s] lie within the samples, or beside them by rounding."""
+        times = np.asarray(self.times)
+        beside = _ROUNDING * max(abs(times[0]), abs(times[-1]))
+        return all(times[0] - beside <= t <= times[-1] + beside for t in instants)
+
     def line(self, t: float) -> tuple[FloatArray, FloatArray]:
         """Return the value at `t` and the slope from there to the next sample, (m,) each."""
         times, values = np.asarray(self.times), np.asarray(self.values)
-        k = min(int(np.searchsorted(times, t, side="right")), times.size - 1) - 1
+        k = max(0, min(int(np.searchsorted(times, t, side="right")), times.size - 1) - 1)
         value = np.atleast_1d(values[k])
         if self.kind == "previous":
             return value, np.zeros_like(value)

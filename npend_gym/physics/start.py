@@ -110,13 +110,20 @@ class Start:
         """Return the start of springs that carry what acts on motion `k` at the beginning."""
         chain, mechanism = self.chain(k), self.states.mechanism
         n, places = chain.n, mechanism.places
-        q, u = self.states.q[k], self.states.u[k]
+        state = self.states.q[k], self.states.u[k]
         drives = drives_of(mechanism, self.recipe.of_motion(k))
-        drives.check_functions(self._begin, q, u)
-        acting = drives.at(np.array([self._begin]), q[None], u[None])[0]
-        own = mechanism_of([chain], acting[n + 1 :] if places == 2 else None)
-        loads = acting[: n + (places > 0)]
-        return slow_start(chain, States(own._replace(springs=None), q[:-n], u[:-n], loads))
+        drives.check_functions(self._begin, *state)
+
+        def rigid(s: FloatArray, q: FloatArray, u: FloatArray) -> States:
+            """Return rigid rods in a state, `s` seconds after the beginning."""
+            axial = (own[-n:] for own in state)
+            whole = (np.hstack(pair)[None] for pair in zip((q, u), axial, strict=True))
+            acting = drives.at(self._begin + s, *whole)[0]
+            own = mechanism_of([chain], acting[n + 1 :] if places == 2 else None)
+            return States(own._replace(springs=None), q, u, acting[: n + (places > 0)])
+
+        first = rigid(np.zeros(1), *(each[:-n] for each in state))
+        return slow_start(chain, first, rigid if self.varying else None)
 
     def _rows(self, *given: FloatArray) -> list[FloatArray]:
         """Return theta, omega and torque, (n,) each for one motion, or (B, n)."""

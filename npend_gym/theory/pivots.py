@@ -32,7 +32,11 @@ def _count_above(mu: float, bodies: FloatArray, forces: FloatArray) -> int:
             pivot = 1e-30 * own
         to_x = mu * m[i] * c[i] + xx * l[i] + xw
         to_w = mu * armature[i] * ratio[i] + damping[i]
-        xx = mu * m[i] + xx - to_x * to_x / pivot
+        # that is mu m + xx - to_x^2 / pivot, which would lose the digits of light links
+        mass, rest = mu * m[i], l[i] - c[i]
+        resists = (mu * (inertia[i] + armature[i]) - stiffness[i] - damping[i]) + ww
+        beside = mass * (xx * rest + 2.0 * xw) * rest - xw * xw
+        xx = ((mass + xx) * resists + beside) / pivot
         xw = -to_x * to_w / pivot
         ww = mu * armature[i] * ratio[i] * ratio[i] - damping[i] - to_w * to_w / pivot
     return count

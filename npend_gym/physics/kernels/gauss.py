@@ -206,7 +206,7 @@ def attempt(solver: Solver, t_end: float, problem: Problem, method: Gauss) -> fl
     clock, y, k, m = solver.clock, solver.y, solver.k, solver.y.size // 2
     t, rest, reached = clock[1], t_end - clock[1], solver.poly[0]
     final = clock[3] < 1.5
-    h = where(rest > 0.0, where(final, rest, clock[2]), 0.0)
+    h = where(rest > 0.0, clock[2], 0.0)
     rows = solver.work[STAGES:]
     for i in range(m):  # the cubic through the step before
         u, speed, gain = y[m + i], clock[2] * k[1, m + i], clock[2] * k[0, m + i]

@@ -20,6 +20,7 @@ from npend_gym.physics.kernels.dynamics import WORK_ROWS, copy
 from npend_gym.physics.kernels.solver import MAX_FACTOR, RESOLUTION, Problem, Solver
 
 _SAFETY, _MIN_FACTOR = 0.9, 0.2
+_CLOCK = 1e-11  # of a step: by more the rounding of the clock counts
 
 
 class Pair(NamedTuple):
@@ -199,6 +200,16 @@ def _error(
     return where(none, 0.0, h * first / math.sqrt(both))
 
 
+@inlined_kernel
+def _on_clock(t: Any, h: Any) -> Any:
+    """Return a step, or where its digits are lost in large `t`, that by which the clock advances.
+
+    Seconds since 1970 have no digits behind 1e-7 s.
+    """
+    advance = (t + h) - t
+    return where(abs(advance - h) > _CLOCK * h, advance, h)
+
+
 @inner_kernel
 def attempt(solver: Solver, t_end: float, problem: Problem, method: Pair) -> float:
     """Try one step, not beyond `t_end`. Where the error is small enough, take it.
@@ -213,7 +224,7 @@ def attempt(solver: Solver, t_end: float, problem: Problem, method: Pair) -> flo
     early = method.errors.shape[1] > end  # the estimate needs the slope at the end of the step
     rest = t_end - t
     # a remainder below 1 % of the step is taken with it
-    h = where(wanted < 0.99 * rest, wanted, rest)
+    h = where(wanted < 0.99 * rest, _on_clock(t, wanted), rest)
     copy(k[end], k[0])
     for s in range(1, end):
         _stage(s, h, k, y, method, x)
