@@ -325,18 +325,18 @@ def slow_start(
     pace = np.maximum(speeds, np.sqrt(gains)).max(axis=-1, keepdims=True)
     h = _DIFFERENCE / np.where(pace > 0.0, pace, 1.0)
 
-    def tensions_after(s: FloatArray) -> FloatArray:
+    def tensions_after(s: FloatArray, acting: Callable[..., States] | None = None) -> FloatArray:
         q, u = rigid.q + (s * rigid.u + 0.5 * s * s * alpha), rigid.u + s * alpha
-        return _tensions(chain, rigid._replace(q=q, u=u) if later is None else later(s, q, u))
+        return _tensions(chain, acting(s, q, u) if acting else rigid._replace(q=q, u=u))
 
-    stiffness, now = np.asarray(chain.stiffness), _tensions(chain, rigid)
-    if later is None:
-        change = tensions_after(h) - tensions_after(-h)
-    else:  # a drive may begin now, and change fast
-        h = np.minimum(h, _DIFFERENCE)
-        change = 4.0 * tensions_after(h) - (3.0 * now + tensions_after(2.0 * h))
-    rate = change / (2.0 * h) / stiffness
-    return (now - chain.axial_damping * rate) / stiffness, rate
+    rate = (tensions_after(h) - tensions_after(-h)) / (2.0 * h)
+    if later is not None:  # a drive may begin now, and change fast
+        g = np.minimum(h, _DIFFERENCE)
+        first, second = (tensions_after(s, later) - tensions_after(s) for s in (g, 2.0 * g))
+        rate = rate + (4.0 * first - second) / (2.0 * g)
+    stiffness = np.asarray(chain.stiffness)
+    rate = rate / stiffness
+    return (_tensions(chain, rigid) - chain.axial_damping * rate) / stiffness, rate
 
 
 def _solve(states: States) -> tuple[FloatArray, FloatArray]:

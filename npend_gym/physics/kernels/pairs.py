@@ -20,7 +20,7 @@ from npend_gym.physics.kernels.dynamics import WORK_ROWS, copy
 from npend_gym.physics.kernels.solver import MAX_FACTOR, RESOLUTION, Problem, Solver
 
 _SAFETY, _MIN_FACTOR = 0.9, 0.2
-_CLOCK = 1e-11  # of a step: by more the rounding of the clock counts
+_CLOCK = 1e-9  # of a step: by more the rounding of the clock counts
 
 
 class Pair(NamedTuple):
