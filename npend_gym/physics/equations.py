@@ -334,8 +334,7 @@ def slow_start(
         g = np.minimum(h, _DIFFERENCE)
         first, second = (tensions_after(s, later) - tensions_after(s) for s in (g, 2.0 * g))
         rate = rate + (4.0 * first - second) / (2.0 * g)
-    stiffness = np.asarray(chain.stiffness)
-    rate = rate / stiffness
+    rate = rate / (stiffness := np.asarray(chain.stiffness))
     return (_tensions(chain, rigid) - chain.axial_damping * rate) / stiffness, rate
 
 
