@@ -222,7 +222,6 @@ def test_rates_may_be_relative_to_the_link_above(written):
     read = read_motion(written(table("t,omega0,omega1", TIMES, *rates.T)), relative=True)
     expected = read_motion(written(table("t,omega0,omega1", TIMES, *BOTH.omega.T)))
     assert read.theta == pytest.approx(expected.theta, abs=1e-6)
-
     with pytest.raises(ValueError, match="relative must be left out where positions show"):
         read_motion(written(table("t,x,y", TIMES, *FIRST.T)), relative=True)
 
@@ -330,6 +329,8 @@ def test_rates_without_a_whole_swing_between_any_gaps_are_refused(written):
          "t (text)"),
         (table("t,theta1,theta2,tau1,tau_meas1", TIMES, *BOTH.theta.T, SWING, SWING),
          "'tau1' and 'tau_meas1' seem to be the same"),
+        (table("t,gyro_x,gyro_y,gyro_z,tau0,tau1", TIMES, ZERO, np.gradient(SWING[:, 0], TIMES),
+               ZERO, SWING, SWING), "the file must have an angle for each torque"),
         (table("t,q0,q1,tau_2", TIMES, *BOTH.theta.T, SWING),
          "torques 'tau_2' must be numbered as the angles 'q0', 'q1'"),
         (table("t,angle", TIMES, ["?"] * 9 + SWING[9:, 0].astype(str).tolist()), "must be a table"),

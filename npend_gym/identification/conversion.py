@@ -126,7 +126,7 @@ def _of_run(
     role, chosen = angles_in(table, by_role)
     torques, y = single(by_role.get("tau", ())), single(by_role["y"]) if role == "x" else []
     if role == "x" and len({one.unit for one in (*chosen, *y)}) > 1:
-        names = ", ".join(repr(one.column.name) for one in (*chosen, *y))
+        names = _names([*chosen, *y])
         raise ValueError(f"positions must have one unit, but differ in it: {names}")
     if relative and role in ("x", "axes"):
         what = "positions" if role == "x" else "the axes of one sensor"
@@ -142,7 +142,7 @@ def _of_run(
         said.append(f"{empty} of {some.sum()} rows have empty cells and are left out")
     if table.lost:
         said.append(f"{table.lost} lines are no rows of the table and are left out")
-    names = ", ".join(repr(one.column.name) for one in [*chosen, *y])
+    names = _names([*chosen, *y])
     if not full.any():
         raise ValueError(f"the file must have rows with numbers in all of {names}")
     labels = by_role["piece"][0].column.values if "piece" in by_role else None
@@ -175,22 +175,10 @@ def _of_run(
         how = {"axis": "from the x axis"}.get(role, "from where a link hangs")
         how = "relative to the link above" if relative or role == "relative" else how
         said.append(f"angles are {names}, in {unit}, {how}, counter-clockwise positive")
-    torque = None
-    if torques:
-        torque = np.zeros_like(theta)
-        links = [one.number for one in chosen]
-        named_torques = ", ".join(repr(one.column.name) for one in torques)
-        if len(torques) > len(links):
-            raise ValueError(f"the file must have an angle for each torque, got {names}")
-        alike = all(one.number in links for one in torques)
-        if not alike and 1 < len(links) != len(torques) and torques[0].number >= 0:
-            raise ValueError(
-                f"the torques {named_torques} must be numbered as the angles {names}: name them by "
-                "columns, such as tau0=..."
-            )
-        for k, one in enumerate(torques):
-            torque[:, links.index(one.number) if alike else k] = one.values[full]
-        said.append(f"torques are {named_torques}, in N m")
+    torque = _at_joints(torques, chosen, theta.shape[1])
+    if torque is not None:
+        torque = torque[full]
+        said.append(f"torques are {_names(torques)}, in N m")
     position = None
     if moving:
         position = single(moving)[0].values[full]
@@ -201,6 +189,32 @@ def _of_run(
     known = np.isfinite(theta).all(axis=1)
     torque, position = (None if one is None else one[known] for one in (torque, position))
     return Reading(times[known], theta[known], torque, labels[full][known], lengths, said, position)
+
+
+def _at_joints(torques: Sequence[Meant], angles: Sequence[Meant], joints: int) -> FloatArray | None:
+    """Return the torques of all rows at their joints [N m], None where there are none.
+
+    They are those of their numbers where all angles have these, else they stand in order.
+    """
+    if not torques:
+        return None
+    links = [one.number for one in angles][:joints]  # a gyroscope has three axes
+    if len(torques) > len(links):
+        raise ValueError(f"the file must have an angle for each torque, got {_names(angles)}")
+    alike = all(one.number in links for one in torques)
+    if not alike and 1 < len(links) != len(torques) and torques[0].number >= 0:
+        raise ValueError(
+            f"the torques {_names(torques)} must be numbered as the angles {_names(angles)}: name "
+            "them by columns, such as tau0=..."
+        )
+    out = np.zeros((torques[0].values.size, joints))
+    for k, one in enumerate(torques):
+        out[:, links.index(one.number) if alike else k] = one.values
+    return out
+
+
+def _names(columns: Sequence[Meant]) -> str:
+    return ", ".join(repr(one.column.name) for one in columns)
 
 
 def _once(

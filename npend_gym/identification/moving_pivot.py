@@ -52,13 +52,12 @@ def _spline(times: FloatArray, places: FloatArray, parts: int) -> Any:
 
     It follows them where what is left is noise: no larger than what differs from row to row.
     """
-    most = max(1, (times.size - 2 * _DEGREE) // 2)
+    most, noise = max(1, (times.size - 2 * _DEGREE) // 2), _noise(places)
     while True:
         parts = min(parts, most)
         knots = np.quantile(times, np.arange(1, parts) / parts)
         spline = LSQUnivariateSpline(times, places, knots, k=_DEGREE)
-        left = float(np.std(places - spline(times)))
-        if parts == most or left <= _SEVERAL * _noise(places):
+        if parts == most or np.std(places - spline(times)) <= _SEVERAL * noise:
             return spline
         parts *= 2
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import importlib
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
@@ -152,8 +153,7 @@ def setting_of(env: EnvLike) -> EnvSetting:
     config = _attribute(base, "config")
     if not isinstance(config, EnvConfig):
         raise _no_setting(env)
-    for layer in layers_of(env):
-        _check_alike(layer, config)
+    _check_alike(env, base, config)
     steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
     limits: list[Any] = [getattr(each, _LIMIT, None) for each in layers_of(env)]
     steps = steps or min((limit for limit in limits if limit), default=None)
@@ -163,13 +163,13 @@ def setting_of(env: EnvLike) -> EnvSetting:
     return EnvSetting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
 
 
-def _check_alike(layer: Any, config: EnvConfig) -> None:
+def _check_alike(env: Any, base: Any, config: EnvConfig) -> None:
     """Raise a ValueError where one of the environments side by side has other settings."""
-    if hasattr(layer, "get_attr"):
-        several = [*layer.get_attr("config")]
-    else:
-        envs = (getattr(each, "unwrapped", each) for each in getattr(layer, "envs", ()))
-        several = [getattr(each, "config", config) for each in envs]
+    apart = (getattr(layer, "envs", None) or () for layer in layers_of(env))
+    envs = (getattr(each, "unwrapped", each) for each in itertools.chain(*apart))
+    several: list[Any] = [getattr(each, "config", config) for each in envs]
+    if hasattr(base, "get_attr"):  # in other processes
+        several += base.get_attr("config")
     own, *others = (
         plain_keywords(keywords_of(each) | {"mode": repr(each.mode)}) for each in (config, *several)
     )

@@ -63,7 +63,7 @@ def _even(matrix: torch.Tensor) -> torch.Tensor:
 
 
 def _rounded(matrix: torch.Tensor) -> torch.Tensor:
-    """Return a matrix with the digits of bfloat16, which weak directions consist of."""
+    """Return a matrix rounded to bfloat16; weak directions begin as what this changes."""
     return matrix.bfloat16().to(matrix.dtype)
 
 
