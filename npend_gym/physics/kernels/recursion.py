@@ -74,11 +74,8 @@ LENGTHS, _YIELD, _BY_N, _BY_TURN, _LOOSE = SIN, COS, _G_E, _G_N, _FREE
 _NO_LENGTH: Any = np.nan  # of springs: no step of an integrator leads beyond
 
 
-def _ascent_of(machine: bool, springs: bool, kept: bool) -> Callable[..., Any]:
-    """Return `ascend`; `kept` leaves in the row PIVOTS what another right side needs.
-
-    A machine may have rotors and drag. That it has none costs a branch for each link.
-    """
+def _ascent_of(machine: bool, geared: bool, springs: bool, kept: bool) -> Callable[..., Any]:
+    """Return `ascend`, with rotors if `geared`; `kept` fills PIVOTS for other right sides."""
 
     @inlined_kernel
     def ascend(u: FloatArray, axial: int, chain: Any, work: FloatArray) -> Any:
@@ -90,10 +87,9 @@ def _ascent_of(machine: bool, springs: bool, kept: bool) -> Callable[..., Any]:
         s, c, g_e, g_n, g_k, free, rest = (
             work[SIN], work[COS], work[_G_E], work[_G_N], work[_G_K], work[_FREE], work[_REST]
         )  # fmt: skip
-        n, geared, resisted, rotors = length.size, False, False, terms
+        n, resisted, rotors = length.size, False, terms
         if machine:
-            rotors, geared = bare(chain.rotors), chain.rotors.shape[0] > 0
-            resisted = chain.drag.size > 0
+            rotors, resisted = bare(chain.rotors), chain.drag.size > 0
         ee: Any = 0.0 * u[0]
         en = nn = b_e = b_n = p_e = p_n = sigma = beta = drift = pull = ee
         for i in range(n - 1, -1, -1):
@@ -121,13 +117,13 @@ def _ascent_of(machine: bool, springs: bool, kept: bool) -> Callable[..., Any]:
                     p_e = 0.0 * p_e
             else:
                 w = l * square
-                if machine and geared:
+                if geared:
                     beta = beta - p_e * w
                 b_e, b_n = b_e - ee * w, b_n - en * w
             spread = l * l * nn + spread
             lever, reach = l * en, moment + l * nn
             across = terms[Link.Z, i] + terms[Link.E, i] * nn
-            if machine and geared:
+            if geared:
                 spread = (spread + 2.0 * (l * p_n)) + sigma
                 rest_moment = 2.0 * (m * l - moment)
                 across = across + ((rest_moment * p_n + (m + nn) * sigma) - p_n * p_n)
@@ -148,7 +144,7 @@ def _ascent_of(machine: bool, springs: bool, kept: bool) -> Callable[..., Any]:
                 g_e[i] = lever * inverse
                 b_e, b_n = (b_e - moment * square) + lever * start, (own * b_n) * inverse + gn * t
             along = own * en
-            if machine and geared:
+            if geared:
                 along, coupling = along - p_e * reach, rotors[Rotor.COUPLING, i]
                 g_k[i] = gk = coupling * inverse
                 p_e, p_n = -(lever * gk), -(reach * gk)
@@ -253,7 +249,12 @@ def _descent_of(machine: bool, springs: bool, solid: bool, moving: bool) -> Call
 
 def solver(machine: bool, springs: bool, solid: bool, kept: bool) -> Callable[..., Any]:
     """Return the solver for mechanisms with these features; `solid` links need not be bobs."""
-    ascend = _ascent_of(machine, springs, kept) if solid else _ascent_of_bobs(kept)
+    if solid:
+        ascend, ascend_geared = (
+            _ascent_of(machine, geared, springs, kept) for geared in (False, True)
+        )
+    else:
+        ascend = ascend_geared = _ascent_of_bobs(kept)
     descend = _descent_of(machine, springs, solid, moving=True)
 
     @outlined_kernel
@@ -281,10 +282,17 @@ def solver(machine: bool, springs: bool, solid: bool, kept: bool) -> Callable[..
         if machine and chain.drag.size > 0:
             speeds = u[: q.size]
             power = tip_drag(speeds, axial, lengths, chain, s, c, work[_G_E], work[_G_N])
-        en, nn, b_n = ascend(u, axial, chain, work)
+        # asked once: in each link, the question would cost a tenth of the step
+        if machine and solid and chain.rotors.shape[0] > 0:
+            en, nn, b_n = ascend_geared(u, axial, chain, work)
+        else:
+            en, nn, b_n = ascend(u, axial, chain, work)
         x, y = 0.0 * power - chain.gravity[0], 0.0 * power
         if axial > n:
-            x, y = accelerate_cart(u, torque, chain, en, nn, b_n, alpha)
+            x, y = accelerate_cart(
+                u[n], torque[n], bare(chain.gravity), bare(chain.base), en, nn, b_n
+            )
+            alpha[n] = y
             if kept:
                 inverse = chain.base[Base.INVERSE_MASS, 0]
                 work[PIVOTS][n] = inverse / (1.0 + inverse * nn)
