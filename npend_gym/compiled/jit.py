@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     def outlined_kernel(function: _F) -> _F:
         """Compile `function` once for all its calls in a kernel: for long ones, called often.
 
-        And for what few chains need: in line it takes registers from all others. Kernels alone may call it, directly or not: no function that Numba compiles by itself.
+        And for what few chains need: in line it takes registers from all others. Kernels alone may
+        call it, directly or not: no function that Numba compiles by itself.
         """
         return function
 
