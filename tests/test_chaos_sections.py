@@ -33,13 +33,8 @@ def test_points_of_a_stroboscopic_section_are_those_of_scipy():
 # -- sections of every kind ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "friction, rotors",
-        *(pytest.param(k, marks=pytest.mark.long) for k in ("drag, shaken", "springs, cart")),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["friction, rotors", "drag, shaken", "springs, cart"])
 def test_a_stroboscopic_section_is_the_motion_once_a_period(kind):
     chain, drives = KINDS[kind]
     with pytest.warns(UserWarning, match="after the period, 0.7 s, but differs by more than a th"):

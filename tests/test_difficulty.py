@@ -82,7 +82,9 @@ def test_a_delay_of_an_episode_is_whole_where_that_of_the_environment_is():
         )
 
 
-@pytest.mark.parametrize("name", ["max_torque", "spread", "angle_noise"])
+@pytest.mark.parametrize(
+    "name", ["max_torque", "spread", pytest.param("angle_noise", marks=pytest.mark.long)]
+)
 def test_sub_environments_have_options_of_their_own(name):
     high, low, _ = SETTINGS[name]
     high, low = max(high, low), min(high, low)
@@ -92,6 +94,7 @@ def test_sub_environments_have_options_of_their_own(name):
         assert np.array_equal(shown[:, k], episode(NPendulumEnv(n=2, **{name: value}), seed=3 + k))
 
 
+@pytest.mark.long
 def test_tensors_have_the_starts_and_torques_of_the_options():
     torch = pytest.importorskip("torch")
     from npend_gym.torch import DifferentiableVectorEnv

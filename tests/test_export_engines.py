@@ -44,7 +44,13 @@ def pair(num_envs, **keywords):
 
 @pytest.mark.parametrize(
     ("name", "substeps", "within"),
-    [*((name, 100, 1e-8) for name in ENVS), ("two rods", None, 2e-5)],
+    [
+        *(
+            pytest.param(name, 100, 1e-8, marks=[pytest.mark.long] * (name in ("links", "a cart")))
+            for name in ENVS
+        ),
+        ("two rods", None, 2e-5),
+    ],
 )
 def test_motions_agree_over_the_first_second_and_are_judged_alike(name, substeps, within):
     own, other = pair(3, substeps=substeps, **ENVS[name])  # by default, ours err by 1e-6 themselves
@@ -92,6 +98,7 @@ def test_no_lane_depends_on_another_and_a_state_goes_on():
     np.testing.assert_array_equal(many.step(action)[0], expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("options", [{"friction": 0.2}, {"armature": 0.02}, {"masses": 2.0}])
 def test_a_state_of_another_chain_than_that_of_the_model_is_refused(options):
     chain = Chain(1.0, [1.0, 1.0], friction=0.1, armature=0.01, centres=0.5, inertias=0.1)

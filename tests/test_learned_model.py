@@ -9,6 +9,7 @@ pytest.importorskip("torch")
 import learned_model as script
 import torch
 
+pytestmark = pytest.mark.long  # derivatives of its links take long to compile
 SMALL = script.Settings(
     updates=6, batch=8, lanes=8, memory=64, hidden=8, episodes=4, rounds=2, fits=2,
     model_hidden=8, model_batch=16,

@@ -285,7 +285,10 @@ def same(one, other):
 METHODS = {"dop853": {}, "rk4": {"method": "rk4", "dt": 0.02}}
 # these compile loops that no other test needs: by either method, and by fixed steps
 COMPILING = ("samples", "samples for springs")
-COMPILING_STEPS = (*COMPILING, "a force", "a function of the module", "a lambda")
+COMPILING_STEPS = (
+    *COMPILING, "a force", "a function of the module", "a lambda", "an acceleration",
+    "a shaken pivot",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(

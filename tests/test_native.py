@@ -153,7 +153,14 @@ print(sorted({{"numba", "scipy", "torch", "matplotlib"}} & set(sys.modules)))
 """
 
 
-@pytest.mark.parametrize("keywords", ["", "chain='realaigym C.1'", "base='cart', max_force=10.0"])
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        "",
+        pytest.param("chain='realaigym C.1'", marks=pytest.mark.long),
+        "base='cart', max_force=10.0",
+    ],
+)
 def test_kept_machine_code_runs_without_numba_and_without_scipy(keywords):
     program = STEP.format(keywords=keywords)
     for _ in range(2):  # the first may have to compile

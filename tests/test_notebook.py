@@ -67,7 +67,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize(
+OF_EACH_KIND = pytest.mark.parametrize(
     "chain",
     [  # kernels of the others take long to compile
         pytest.param(
@@ -76,6 +76,9 @@ KINDS = {
         for kind, chain in KINDS.items()
     ],
 )
+
+
+@OF_EACH_KIND
 def test_motions_are_plotted_together_in_colours_of_their_own(chain):
     import matplotlib.pyplot as plt
 
@@ -89,7 +92,7 @@ def test_motions_are_plotted_together_in_colours_of_their_own(chain):
     plt.close(axes[0].figure)
 
 
-@pytest.mark.parametrize("chain", KINDS.values(), ids=KINDS)
+@OF_EACH_KIND
 def test_motions_are_filmed_together_each_where_it_is_alone(chain):
     starts, times = np.array([[0.2, 0.1], [-1.4, 0.1], [1.5, 0.0]]), np.linspace(0.0, 1.0, 26)
     many = simulate(chain, starts, 0.0, times)

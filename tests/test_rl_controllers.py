@@ -63,7 +63,7 @@ def test_the_discretised_map_is_the_motion_of_the_chain_in_one_step(angle, keywo
         (2, {"base": "cart"}),
         (2, {"base": "cart", "actuated": (1,)}),
         (2, {"actuated": (1,)}),
-        (2, {"chain": "realaigym C.1"}),
+        pytest.param(2, {"chain": "realaigym C.1"}, marks=pytest.mark.long),
         (3, {"base": "cart", "max_force": 300.0}),
         (1, {"chain": "cartpole", "rail": 2.4, "max_force": 10.0}),
         (2, {"chain": "dm_control cartpole 2", "rail": 1.8, "max_force": 10.0}),

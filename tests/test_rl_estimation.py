@@ -31,7 +31,9 @@ class Reader:
         return self._rng.uniform(-1.0, 1.0, (len(info["theta"]), self._joints))
 
 
-@pytest.mark.parametrize("mechanism", MECHANISMS)
+@pytest.mark.parametrize(
+    "mechanism", ["bobs", pytest.param("links", marks=pytest.mark.long), "a cart"]
+)
 def test_velocities_are_those_of_the_mechanism_as_soon_as_angles_tell_them(mechanism):
     keywords = {"mode": "swingup", "observe_velocities": False} | MECHANISMS[mechanism]
     envs = gym.make_vec("npend_gym:NPendulum-v0", num_envs=4, **keywords)

@@ -313,7 +313,11 @@ def moved(controller, keywords, rest, seconds):
 @pytest.mark.parametrize(
     ("kind", "rest"),
     [
-        *((kind, rest) for kind in KINDS for rest in ("hanging", "turned")),
+        *(
+            pytest.param(kind, rest, marks=[pytest.mark.long] * (kind == "rotor"))
+            for kind in KINDS
+            for rest in ("hanging", "turned")
+        ),
         *((kind, "folded") for kind in ("two points", "two motors", "two on a cart")),
     ],
 )
@@ -364,7 +368,14 @@ def test_planned_transitions_leave_exact_rest(kind):
     np.testing.assert_allclose(np.cos(info["theta"]), -1.0, atol=1e-2)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "discrete"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[pytest.mark.long] * (kind == "rotor"))
+        for kind in KINDS
+        if kind != "discrete"
+    ],
+)
 def test_what_holds_an_equilibrium_does_nothing_in_it(kind):
     config = EnvConfig(**KINDS[kind], mode="swingup")
     hanging, upright = (np.zeros(config.state_size) for _ in range(2))

@@ -123,9 +123,14 @@ def test_a_trajectory_planned_in_air_includes_the_drag():
         {},
         {"substeps": 3},
         {"drag": 0.1, "max_torque": 7.0},
-        {"base": "cart"},
-        {"base": "cart", "cart_mass": 0.05, "rail_damping": 0.3, "actuated": (2, 0)},
-        {"chain": "dm_control cartpole 3", "max_torque": 5.0},
+        *(
+            pytest.param(keywords, marks=pytest.mark.long)  # these take long to compile
+            for keywords in (
+                {"base": "cart"},
+                {"base": "cart", "cart_mass": 0.05, "rail_damping": 0.3, "actuated": (2, 0)},
+                {"chain": "dm_control cartpole 3", "max_torque": 5.0},
+            )
+        ),
     ],
 )
 def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
@@ -159,7 +164,9 @@ def test_similar_chains_have_similar_plans_where_these_are_to_be_like_one_plan(t
     assert steps[True] < 0.03 < steps[False]
 
 
-@pytest.mark.parametrize("keywords", [{"n": 2}, {"n": 2, "base": "cart"}])
+@pytest.mark.parametrize(
+    "keywords", [{"n": 2}, pytest.param({"n": 2, "base": "cart"}, marks=pytest.mark.long)]
+)
 def test_the_gradient_of_a_plans_cost_is_that_of_finite_differences(keywords):
     config, rng = EnvConfig(mode="swingup", **keywords), np.random.default_rng(0)
     weights = Weights(0.3, 0.2, slow_from=2 * config.dt)
@@ -366,6 +373,7 @@ RUBBING = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joint", [0, 1])
 def test_friction_for_feedback_predicts_a_step_from_rest_to_the_speed_of_a_swing(joint):
     config = EnvConfig(**RUBBING)
@@ -386,6 +394,7 @@ def test_friction_for_feedback_predicts_a_step_from_rest_to_the_speed_of_a_swing
     assert errors[1] > braked
 
 
+@pytest.mark.long
 def test_gains_near_the_end_of_a_plan_are_nearly_those_without_the_friction_of_its_motor():
     chain = RUBBING["chain"]
     configs = [

@@ -26,7 +26,9 @@ def test_forced_and_damped_motion_follows_scipy_for_a_moment(motion):
     np.testing.assert_allclose(ours.theta, dense, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("method", ["dop853", "tsit5", "gauss6", "rk4"])
+@pytest.mark.parametrize(
+    "method", ["dop853", "tsit5", pytest.param("gauss6", marks=pytest.mark.long), "rk4"]
+)
 def test_a_motion_is_as_exact_in_the_seconds_since_1970_as_from_zero_on(method):
     chain, start, options = Chain.uniform(2), [1.5, 0.5], {"method": method}
     if method in ("gauss6", "rk4"):
@@ -39,6 +41,7 @@ def test_a_motion_is_as_exact_in_the_seconds_since_1970_as_from_zero_on(method):
         simulate(chain, start, 0.0, [1e12, 1e12 + 10.0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [4, 7, 8, 13, 18])
 def test_a_signal_ends_with_a_motion_whose_instants_are_rounded_otherwise(count):
     products, spaced = 0.1 * np.arange(count), np.linspace(0.0, 0.1 * (count - 1), count)
