@@ -137,7 +137,7 @@ _ALL_PAIRS: dict[str, Any] = {  # of equilibria of three rods
     "averaging": 0.998, "by_goal": True,
 }  # fmt: skip
 _ALL_PAIRS_CART: dict[str, Any] = {
-    "seconds": 8.0, "plan_guess": "waves", "guesses": 20, "variants": 40, "rounds": 60,
+    "seconds": 8.0, "plan_guess": "waves", "guesses": 20, "variants": 40,
     "hidden": 256, "feedback_units": 192,
 }  # fmt: skip
 _POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
